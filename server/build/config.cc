@@ -1,0 +1,1 @@
+#include "server/build/config.h"

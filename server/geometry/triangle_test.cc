@@ -1,0 +1,1 @@
+#include "server/geometry/triangle_test.h"

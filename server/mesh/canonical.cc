@@ -1,0 +1,1 @@
+#include "server/mesh/canonical.h"

@@ -1,0 +1,1 @@
+#include "server/mesh/read_mesh.h"

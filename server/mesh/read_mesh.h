@@ -1,0 +1,55 @@
+// From the bytes of a file to a validated mesh. The bytes are hostile.
+
+#ifndef SERVER_MESH_READ_MESH_H_
+#define SERVER_MESH_READ_MESH_H_
+
+#include <cstdint>
+#include <functional>
+#include <span>
+
+#include "absl/status/statusor.h"
+#include "server/mesh/triangle_mesh.h"
+
+namespace deltaray {
+
+enum class MeshFormat : uint8_t { kDetect, kObj, kPly, kStl, kRaw };
+
+// Layout of raw indexed arrays: vertex_count × 3 positions, then triangle_count × 3 uint32, little-endian.
+struct RawLayout {
+  uint64_t vertex_count = 0;
+  uint64_t triangle_count = 0;
+  bool float64 = false;
+};
+
+// Limits on what a file may hold. What is over one gives RESOURCE_EXHAUSTED and a text that names the limit.
+struct MeshLimits {
+  uint64_t max_triangles = 100'000'000;
+  uint64_t max_vertices = 100'000'000;
+  uint64_t max_face_corners = 65'536;   // corners of one polygon
+  uint64_t max_line_bytes = 1'048'576;  // bytes of a line of a text format
+  uint64_t max_groups = 65'536;
+  uint64_t max_group_name_bytes = 1'024;
+};
+
+struct ReadMeshOptions {
+  MeshFormat format = MeshFormat::kDetect;
+  RawLayout raw;  // kRaw only
+  MeshLimits limits;
+  // Asked now and then; reading ends with CANCELLED once it returns true.
+  std::function<bool()> cancelled;
+};
+
+struct ReadMeshResult {
+  TriangleMesh mesh;
+  MeshReport report;
+  MeshFormat format = MeshFormat::kDetect;  // the format found
+};
+
+// Reads a mesh. Errors are INVALID_ARGUMENT, naming line or byte, or RESOURCE_EXHAUSTED, naming the limit. A file
+// without any triangle is a valid empty mesh if its format says so in full (PLY, STL, raw; an OBJ with vertices only).
+// Thread-safe.
+absl::StatusOr<ReadMeshResult> ReadMesh(std::span<const char> bytes, const ReadMeshOptions& options);
+
+}  // namespace deltaray
+
+#endif  // SERVER_MESH_READ_MESH_H_

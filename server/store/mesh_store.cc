@@ -1,0 +1,1 @@
+#include "server/store/mesh_store.h"

@@ -1,0 +1,137 @@
+// Meshes on disk and in memory.
+
+#ifndef SERVER_STORE_MESH_STORE_H_
+#define SERVER_STORE_MESH_STORE_H_
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "server/build/build.h"
+#include "server/mesh/read_mesh.h"
+
+namespace deltaray {
+
+enum class MeshState : uint8_t { kStored, kBuilding, kProvisional, kReady, kFailed };
+
+// What is known of a mesh without its geometry in memory.
+struct MeshInfo {
+  std::string id;
+  std::vector<std::string> names;  // sorted
+  uint64_t vertex_count = 0;
+  uint64_t triangle_count = 0;
+  uint64_t face_count = 0;
+  Vec3d origin;
+  MeshReport report;
+  std::vector<std::string> groups;
+  MeshState state = MeshState::kStored;
+  Config config;
+  std::chrono::system_clock::time_point created;
+  uint64_t stored_bytes = 0;
+  std::string failure;  // kFailed
+};
+
+// The progress of a mesh's build, and which build it is.
+struct BuildReport {
+  MeshState state = MeshState::kStored;
+  uint64_t build_number = 0;  // 0: none since the start
+  BuildProgress progress;
+  std::string failure;
+};
+
+struct StoredStatistics {
+  uint64_t build_number = 0;
+  double first_answer_seconds = 0;  // 0: none yet
+  BuildStatistics statistics;
+  uint64_t mesh_bytes = 0;
+};
+
+// Whether `name` may be a mesh's name: 1 to 128 bytes of UTF-8 without control characters, not of the form of an id.
+absl::Status ValidateMeshName(absl::string_view name);
+
+// The bytes of an upload on their way to a mesh: a file in the data directory without a name, so that the kernel takes
+// it away whatever happens to the server. Not thread-safe.
+class Upload {
+ public:
+  virtual ~Upload() = default;  // drops what was not committed
+
+  // Appends bytes of the file. RESOURCE_EXHAUSTED over the limit on upload bytes or where the disk is full.
+  virtual absl::Status Append(absl::string_view bytes) = 0;
+  virtual uint64_t size() const = 0;
+
+  struct CommitOptions {
+    std::string name;              // empty: none
+    std::optional<uint64_t> size;  // checked where set
+    std::string sha256;            // 32 bytes; checked where not empty
+    ReadMeshOptions read;
+    std::optional<Config> config;  // unset: keep the mesh's, or the default
+  };
+  struct Committed {
+    MeshInfo info;
+    bool created = false;
+  };
+  // Reads the file as a mesh, stores it durably, gives it its name and starts its build. REQUIRES: called once.
+  virtual absl::StatusOr<Committed> Commit(CommitOptions options) = 0;
+};
+
+// The meshes of a data directory. All methods are thread-safe; those that touch the disk block, none waits for a build.
+//
+// `mesh` is an id or a name; NOT_FOUND where there is no such mesh.
+class MeshStore {
+ public:
+  struct Options {
+    std::string data_directory;  // made where missing
+    uint64_t max_upload_bytes = uint64_t{4} << 30;
+    MeshLimits mesh_limits;
+    uint32_t concurrent_builds = 1;
+    uint32_t build_threads = 0;  // 0: all cores
+  };
+
+  // Opens the directory and reads what is there. A file that is not whole is reported in the log, and left out.
+  static absl::StatusOr<std::unique_ptr<MeshStore>> Open(Options options);
+
+  // Cancels all builds and waits for their end.
+  virtual ~MeshStore() = default;
+
+  virtual absl::StatusOr<std::unique_ptr<Upload>> StartUpload() = 0;
+
+  virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
+  // At most `limit` meshes with id > after_id, in order of id, without groups.
+  virtual std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const = 0;
+
+  // Points `name` at `mesh`, durably; with empty `mesh` takes the name away. Returns the id it pointed at before.
+  virtual absl::StatusOr<std::string> Name(absl::string_view name, absl::string_view mesh) = 0;
+  // Returns the id. Snapshots that were handed out stay valid.
+  virtual absl::StatusOr<std::string> Delete(absl::string_view mesh) = 0;
+
+  // Starts a build with this config, which is kept for later builds too; cancels the one under way. The old tree
+  // answers until the new one can.
+  virtual absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) = 0;
+
+  struct Answer {
+    std::string id;
+    std::shared_ptr<const TreeSnapshot> snapshot;
+  };
+  // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
+  // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
+  // thread, or later, on another; it must not block. FAILED_PRECONDITION where the build failed.
+  virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) = 0;
+
+  // Notes that a ray was answered from the mesh's current build, for BuildStats.first_answer_seconds. Cheap.
+  virtual void NoteAnswer(const Answer& answer) = 0;
+
+  // Starts the build of a mesh that is only stored.
+  virtual absl::StatusOr<BuildReport> Watch(absl::string_view mesh) = 0;
+  virtual absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const = 0;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_STORE_MESH_STORE_H_

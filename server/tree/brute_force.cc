@@ -1,0 +1,1 @@
+#include "server/tree/brute_force.h"

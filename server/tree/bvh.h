@@ -1,0 +1,55 @@
+// A binary bounding volume hierarchy: what the hybrid, the BVH, the SBVH and [Tang 2015] end as.
+
+#ifndef SERVER_TREE_BVH_H_
+#define SERVER_TREE_BVH_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "server/geometry/bounds.h"
+#include "server/tree/tree.h"
+
+namespace deltaray {
+
+// A node of a binary BVH in depth-first order: 32 bytes, two to a cache line.
+struct BvhNode {
+  Bounds bounds;  // holds the parts of all triangles below that lie in the node's cell
+  // Inner node: index of the second child; the first one follows the node. Leaf: index of the first reference.
+  uint32_t offset = 0;
+  // Number of references of a leaf. 0: an inner node.
+  uint32_t count = 0;
+
+  bool IsLeaf() const { return count != 0; }
+};
+static_assert(sizeof(BvhNode) == 32);
+
+// The nodes and references of a binary BVH or of a part of one. The root is nodes[0]; no nodes: empty.
+struct BvhArrays {
+  std::vector<BvhNode> nodes;
+  std::vector<uint32_t> references;  // primitive ids; a triangle that a split cut stands in several leaves
+};
+
+class Bvh final : public Tree {
+ public:
+  // `triangles` must outlive the tree.
+  // REQUIRES: offsets are within the arrays; every triangle that is not degenerate is, in parts, within its leaves.
+  Bvh(TrianglesView triangles, BvhArrays arrays);
+
+  const BvhArrays& arrays() const { return arrays_; }
+
+  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
+  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
+  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
+               std::span<uint32_t> counts) const override;
+  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
+  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
+  TreeShape Shape() const override;
+
+ private:
+  TrianglesView triangles_;
+  BvhArrays arrays_;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_TREE_BVH_H_

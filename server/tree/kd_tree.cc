@@ -1,0 +1,1 @@
+#include "server/tree/kd_tree.h"

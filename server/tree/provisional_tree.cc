@@ -1,0 +1,1 @@
+#include "server/tree/provisional_tree.h"

@@ -1,0 +1,71 @@
+// What every finished structure can be asked.
+
+#ifndef SERVER_TREE_TREE_H_
+#define SERVER_TREE_TREE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "server/geometry/ray.h"
+#include "server/geometry/triangles.h"
+
+namespace deltaray {
+
+// Levels of accuracy, from the fastest to the most accurate.
+enum class AccuracyLevel : uint8_t { kFast = 1, kWatertight = 2, kExact = 3 };
+
+struct QueryOptions {
+  Culling culling = Culling::kNone;
+  // The least accuracy to answer with; see Tree::answered_accuracy.
+  AccuracyLevel accuracy = AccuracyLevel::kExact;
+  // AllHits: most hits per ray, the nearest ones. At least 1.
+  uint32_t max_hits_per_ray = 64;
+};
+
+// Size and shape of a tree, counted once.
+struct TreeShape {
+  uint64_t nodes = 0;       // leaves included
+  uint64_t leaves = 0;      // empty kd leaves included
+  uint64_t references = 0;  // at least the number of triangles
+  uint32_t max_depth = 0;   // the root has depth 0
+  double sah_cost = 0;      // with Ct = Ci = 1, areas relative to the root's
+  uint64_t node_bytes = 0;
+  uint64_t reference_bytes = 0;
+};
+
+// An immutable structure over the triangles of one mesh. All methods may be called from any number of threads at once,
+// and take no lock. The answer is a function of triangles and ray alone: every structure gives the same bits as
+// BruteForce.
+//
+// `rays` and the outputs have the same length. No method throws, save for lack of memory.
+class Tree {
+ public:
+  virtual ~Tree() = default;
+
+  // hits[i]: the hit of rays[i] of least exact t; of several at the same t the one of the lowest primitive id.
+  virtual void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const = 0;
+
+  // any[i]: 1 where rays[i] hits something, else 0.
+  virtual void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const = 0;
+
+  // Appends all hits of rays[0], then those of rays[1] and so on to `hits`, each triangle at most once, ordered by
+  // exact t, then primitive id; at most options.max_hits_per_ray of each ray. counts[i]: how many were appended for
+  // rays[i].
+  virtual void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
+                       std::span<uint32_t> counts) const = 0;
+
+  // counts[i]: number of triangles that rays[i] hits.
+  virtual void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const = 0;
+
+  // The level that queries asking for `level` are answered with: at least `level`.
+  virtual AccuracyLevel answered_accuracy(AccuracyLevel level) const = 0;
+
+  // For a provisional tree, of the parts built so far.
+  virtual TreeShape Shape() const = 0;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_TREE_TREE_H_
