@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# usage: run.sh [--sanitize address,undefined | --sanitize thread] [-- CTEST_ARGUMENT...]
+# Installs what is missing, compiles everything with warnings as errors in a build directory of its own (build-tests,
+# build-address, build-thread), and runs all tests. Exit code 0 only if all pass. CC and CXX choose the compiler.
+# Example: tests/run.sh --sanitize thread -- -R '^store/'
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+usage() { sed -n '2,5s/^# //p' "${BASH_SOURCE[0]}"; }
+
+sanitize=
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --sanitize) sanitize=${2:-}; shift $(($# > 1 ? 2 : 1)); [ -n "$sanitize" ] || { usage >&2; exit 2; } ;;
+    --sanitize=*) sanitize=${1#*=}; shift ;;
+    --help | -h) usage; exit 0 ;;
+    --) shift; break ;;
+    *) echo "run.sh: unknown argument '$1'" >&2; usage >&2; exit 2 ;;
+  esac
+done
+
+bash "$root/docker/install_packages.sh" build test lint
+
+options=(-DCMAKE_BUILD_TYPE=Release -DDELTARAY_WERROR=ON)
+run=()
+case "$sanitize" in
+  '') build="$root/build-tests" ;;
+  address,undefined)
+    build="$root/build-address"
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=ON "-DDELTARAY_SANITIZE=$sanitize")
+    export ASAN_OPTIONS="detect_stack_use_after_return=1${ASAN_OPTIONS:+:$ASAN_OPTIONS}"
+    export UBSAN_OPTIONS="print_stacktrace=1${UBSAN_OPTIONS:+:$UBSAN_OPTIONS}"
+    ;;
+  thread)
+    build="$root/build-thread"
+    bash "$root/tests/sanitizers/build_tbb.sh" "$build/tbb"
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=ON "-DDELTARAY_SANITIZE=$sanitize"
+      -DTBB_DIR="$build/tbb/install/lib/cmake/TBB")
+    export TSAN_OPTIONS="suppressions=$root/tests/sanitizers/tsan.supp second_deadlock_stack=1 ${TSAN_OPTIONS:-}"
+    # ThreadSanitizer cannot map its shadow memory where the kernel spreads addresses too widely.
+    if setarch -R true 2>/dev/null; then run=(setarch -R); fi
+    ;;
+  *) echo "run.sh: --sanitize takes 'address,undefined' or 'thread', not '$sanitize'" >&2; exit 2 ;;
+esac
+
+cmake -S "$root" -B "$build" "${options[@]}"
+"${run[@]}" cmake --build "$build" --parallel "$(nproc)"
+"${run[@]}" ctest --test-dir "$build" --output-on-failure --no-tests=error --parallel "$(nproc)" "$@"
