@@ -1,0 +1,64 @@
+// References: what builders sort. A triangle that a spatial split cuts has several, each with the box of its part.
+
+#ifndef SERVER_BUILD_REFERENCE_H_
+#define SERVER_BUILD_REFERENCE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <span>
+
+#include "absl/status/statusor.h"
+#include "server/build/build_context.h"
+#include "server/geometry/bounds.h"
+#include "server/geometry/triangles.h"
+
+namespace deltaray {
+
+struct Reference {
+  Bounds bounds;  // holds the part of the triangle in the node's cell
+  uint32_t primitive = 0;
+};
+static_assert(sizeof(Reference) == 28);
+
+// References, and room for more. A vector would write every element once before use, which takes longer than a cancel
+// may on a large mesh; here elements past those written are uninitialised.
+class ReferenceArray {
+ public:
+  ReferenceArray() = default;
+  // Throws std::bad_alloc.
+  ReferenceArray(size_t capacity, BuildContext& context);
+  ReferenceArray(ReferenceArray&& other) noexcept;
+  ReferenceArray& operator=(ReferenceArray&& other) noexcept;
+  ~ReferenceArray();
+
+  size_t capacity() const { return capacity_; }
+  size_t size() const { return size_; }
+  Reference* data() { return data_.get(); }
+  std::span<Reference> span() { return {data_.get(), size_}; }
+  std::span<const Reference> span() const { return {data_.get(), size_}; }
+
+  // REQUIRES: size <= capacity().
+  void set_size(size_t size) { size_ = size; }
+  // Gives back the room past size().
+  void ShrinkToFit();
+
+ private:
+  struct Free {
+    void operator()(Reference* data) const { std::free(data); }
+  };
+  std::unique_ptr<Reference[], Free> data_;
+  size_t size_ = 0;
+  size_t capacity_ = 0;
+  BuildContext* context_ = nullptr;  // counts the bytes
+};
+
+// The references of all triangles that are not degenerate, in order of primitive id, with room for `duplication_budget`
+// more per triangle (up to 2^31 - 1 in all). In parallel. CANCELLED where the build is.
+absl::StatusOr<ReferenceArray> MakeReferences(const TrianglesView& triangles, double duplication_budget,
+                                              BuildContext& context);
+
+}  // namespace deltaray
+
+#endif  // SERVER_BUILD_REFERENCE_H_

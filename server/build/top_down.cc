@@ -1,0 +1,173 @@
+#include "server/build/top_down.h"
+
+#include <tbb/parallel_invoke.h>
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+#include "server/build/object_split.h"
+#include "server/build/reduce_references.h"
+#include "server/build/sah.h"
+
+namespace deltaray {
+namespace {
+
+// Nodes of fewer references are built by one task with all below them.
+constexpr size_t kTaskReferences = 4096;
+
+// The part of the reference array that a node owns: its references, then room for more.
+struct Range {
+  size_t begin = 0, end = 0, limit = 0;
+
+  size_t size() const { return end - begin; }
+  size_t room() const { return limit - end; }
+};
+
+struct BoundsSum {
+  Bounds bounds;
+  void Add(const Reference& reference) { bounds.Extend(reference.bounds); }
+  void Merge(const BoundsSum& other) { bounds.Extend(other.bounds); }
+};
+
+class TopDownBuilder {
+ public:
+  TopDownBuilder(ReferenceArray references, const Config& config, bool delta_leaves, BuildContext& context)
+      : references_(std::move(references)),
+        config_(config),
+        costs_(config),
+        delta_leaves_(delta_leaves),
+        max_leaf_size_(delta_leaves ? config.delta : config.max_leaf_size),
+        context_(context) {}
+
+  absl::StatusOr<SplitTree> Build() {
+    std::vector<BvhNode> nodes;
+    if (references_.size() > 0) {
+      const Bounds bounds = ReduceReferences(std::as_const(references_).span(), BoundsSum(), context_).bounds;
+      root_half_area_ = bounds.HalfArea();
+      Build({0, references_.size(), references_.capacity()}, bounds, 0, nodes);
+      CloseGaps(nodes);
+    }
+    if (context_.cancelled()) return absl::CancelledError("the build was cancelled");
+    return SplitTree{std::move(nodes), std::move(references_)};
+  }
+
+ private:
+  std::span<Reference> span(const Range& range) { return {references_.data() + range.begin, range.size()}; }
+
+  // Appends the subtree over `range` to `nodes`, depth-first. Leaves' offsets point into references_.
+  void Build(Range range, const Bounds& bounds, uint32_t depth, std::vector<BvhNode>& nodes) {
+    if (context_.cancelled()) return;
+    const size_t node = nodes.size();
+    nodes.push_back({bounds});
+
+    // 1. Find the cheapest split; stop where none is worth it.
+    const bool may_be_leaf = range.size() <= max_leaf_size_;
+    if (may_be_leaf && delta_leaves_) return MakeLeaf(range, nodes[node]);
+    ObjectSplit split;
+    if (depth < kSahDepth) split = FindObjectSplit(span(range), context_);
+    if (may_be_leaf && costs_.Leaf(bounds.HalfArea(), range.size()) <= costs_.Split(bounds.HalfArea(), split.cost)) {
+      return MakeLeaf(range, nodes[node]);
+    }
+
+    // 2. Split.
+    if (split.IsFound()) {
+      context_.object_splits.fetch_add(1, std::memory_order_relaxed);
+    } else {
+      split = MedianSplit(span(range), bounds);
+      context_.median_splits.fetch_add(1, std::memory_order_relaxed);
+    }
+    const size_t middle = range.begin + Partition(span(range), split, context_);
+    if (context_.cancelled()) return;
+    const auto [left, right] = ShareRoom(range, middle);
+
+    // 3. Build both children.
+    if (range.size() < kTaskReferences) {
+      Build(left, split.left, depth + 1, nodes);
+      nodes[node].offset = static_cast<uint32_t>(nodes.size());
+      Build(right, split.right, depth + 1, nodes);
+      return;
+    }
+    std::vector<BvhNode> right_nodes;
+    tbb::parallel_invoke(
+        [&] {
+          const BuildContext::CpuTime time(context_);
+          Build(left, split.left, depth + 1, nodes);
+        },
+        [&] {
+          const BuildContext::CpuTime time(context_);
+          Build(right, split.right, depth + 1, right_nodes);
+        });
+    const uint32_t base = static_cast<uint32_t>(nodes.size());
+    nodes[node].offset = base;
+    for (BvhNode& right_node : right_nodes) {
+      if (!right_node.IsLeaf()) right_node.offset += base;
+    }
+    nodes.insert(nodes.end(), right_nodes.begin(), right_nodes.end());
+  }
+
+  void MakeLeaf(const Range& range, BvhNode& node) {
+    node.offset = static_cast<uint32_t>(range.begin);
+    node.count = static_cast<uint32_t>(range.size());
+    context_.references_placed.fetch_add(range.size(), std::memory_order_relaxed);
+    if (delta_leaves_) context_.CountDeltaLeaf(node.count);
+  }
+
+  // Splits `range` at `middle` and its room in proportion to the sides' references. The right side moves up.
+  std::pair<Range, Range> ShareRoom(const Range& range, size_t middle) {
+    const size_t left_size = middle - range.begin, right_size = range.end - middle;
+    const size_t left_room =
+        static_cast<size_t>(static_cast<double>(range.room()) * static_cast<double>(left_size) / range.size());
+    // Only as many references move as the gap is wide: their order does not matter.
+    const size_t moved = std::min(left_room, right_size);
+    const size_t right_begin = middle + left_room;
+    Reference* const data = references_.data();
+    std::copy_backward(data + middle, data + middle + moved, data + right_begin + right_size);
+    return {{range.begin, middle, right_begin}, {right_begin, right_begin + right_size, range.limit}};
+  }
+
+  // Moves the leaves' references together.
+  void CloseGaps(std::vector<BvhNode>& nodes) {
+    size_t size = 0;
+    Reference* const data = references_.data();
+    for (BvhNode& node : nodes) {
+      if (context_.cancelled()) return;
+      if (!node.IsLeaf()) continue;
+      std::copy(data + node.offset, data + node.offset + node.count, data + size);
+      node.offset = static_cast<uint32_t>(size);
+      size += node.count;
+    }
+    references_.set_size(size);
+    references_.ShrinkToFit();
+  }
+
+  ReferenceArray references_;
+  const Config& config_;
+  const SahCosts costs_;
+  const bool delta_leaves_;  // whether leaves are δ-leaves
+  const size_t max_leaf_size_;
+  BuildContext& context_;
+  double root_half_area_ = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<SplitTree> BuildTop(ReferenceArray references, const TrianglesView&, const Config& config,
+                                   BuildContext& context) {
+  return TopDownBuilder(std::move(references), config, true, context).Build();
+}
+
+absl::StatusOr<SplitTree> BuildTopDown(ReferenceArray references, const TrianglesView&, const Config& config,
+                                       BuildContext& context) {
+  return TopDownBuilder(std::move(references), config, false, context).Build();
+}
+
+BvhArrays ToBvhArrays(const SplitTree& tree) {
+  BvhArrays arrays;
+  arrays.nodes = tree.nodes;
+  arrays.references.reserve(tree.references.size());
+  for (const Reference& reference : tree.references.span()) arrays.references.push_back(reference.primitive);
+  return arrays;
+}
+
+}  // namespace deltaray
