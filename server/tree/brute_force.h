@@ -3,25 +3,20 @@
 #ifndef SERVER_TREE_BRUTE_FORCE_H_
 #define SERVER_TREE_BRUTE_FORCE_H_
 
-#include "server/tree/tree.h"
+#include "server/tree/traversed_tree.h"
 
 namespace deltaray {
 
-class BruteForce final : public Tree {
+class BruteForce final : public TraversedTree {
  public:
   // `triangles` must outlive the tree.
-  explicit BruteForce(TrianglesView triangles) : triangles_(triangles) {}
+  explicit BruteForce(TrianglesView triangles) : TraversedTree(triangles) {}
 
-  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
-  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
-  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
-               std::span<uint32_t> counts) const override;
-  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
-  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
+  // One leaf with all triangles.
   TreeShape Shape() const override;
 
  private:
-  TrianglesView triangles_;
+  void Traverse(const Ray& ray, Collector& collector) const override;
 };
 
 }  // namespace deltaray

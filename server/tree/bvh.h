@@ -4,10 +4,12 @@
 #define SERVER_TREE_BVH_H_
 
 #include <cstdint>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "server/geometry/bounds.h"
-#include "server/tree/tree.h"
+#include "server/tree/traversed_tree.h"
 
 namespace deltaray {
 
@@ -27,26 +29,28 @@ static_assert(sizeof(BvhNode) == 32);
 struct BvhArrays {
   std::vector<BvhNode> nodes;
   std::vector<uint32_t> references;  // primitive ids; a triangle that a split cut stands in several leaves
+
+  std::span<const uint32_t> LeafReferences(const BvhNode& leaf) const {
+    return std::span(references).subspan(leaf.offset, leaf.count);
+  }
 };
 
-class Bvh final : public Tree {
+// Adds one node at `depth` of a tree whose root has half the surface area `root_half_area`: all of `shape` but bytes.
+void AddNode(const BvhNode& node, uint32_t depth, double root_half_area, TreeShape* shape);
+
+class Bvh final : public TraversedTree {
  public:
   // `triangles` must outlive the tree.
   // REQUIRES: offsets are within the arrays; every triangle that is not degenerate is, in parts, within its leaves.
-  Bvh(TrianglesView triangles, BvhArrays arrays);
+  Bvh(TrianglesView triangles, BvhArrays arrays) : TraversedTree(triangles), arrays_(std::move(arrays)) {}
 
   const BvhArrays& arrays() const { return arrays_; }
 
-  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
-  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
-  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
-               std::span<uint32_t> counts) const override;
-  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
-  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
   TreeShape Shape() const override;
 
  private:
-  TrianglesView triangles_;
+  void Traverse(const Ray& ray, Collector& collector) const override;
+
   BvhArrays arrays_;
 };
 

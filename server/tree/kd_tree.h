@@ -4,10 +4,11 @@
 #define SERVER_TREE_KD_TREE_H_
 
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "server/geometry/bounds.h"
-#include "server/tree/tree.h"
+#include "server/tree/traversed_tree.h"
 
 namespace deltaray {
 
@@ -27,31 +28,27 @@ struct KdNode {
   bool IsLeaf() const { return axis == kLeaf; }
 };
 
+// The nodes and references of a kd-tree. The root is nodes[0]; no nodes: empty.
 struct KdArrays {
-  Bounds bounds;
+  Bounds bounds;  // holds all triangles that are referenced
   std::vector<KdNode> nodes;
   std::vector<uint32_t> references;
 };
 
-class KdTree final : public Tree {
+class KdTree final : public TraversedTree {
  public:
   // `triangles` must outlive the tree.
   // REQUIRES: offsets are within the arrays; every triangle that is not degenerate is in each leaf whose closed cell it
   // touches, but for cells that it touches in a plane that another leaf that has it shares.
-  KdTree(TrianglesView triangles, KdArrays arrays);
+  KdTree(TrianglesView triangles, KdArrays arrays) : TraversedTree(triangles), arrays_(std::move(arrays)) {}
 
   const KdArrays& arrays() const { return arrays_; }
 
-  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
-  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
-  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
-               std::span<uint32_t> counts) const override;
-  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
-  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
   TreeShape Shape() const override;
 
  private:
-  TrianglesView triangles_;
+  void Traverse(const Ray& ray, Collector& collector) const override;
+
   KdArrays arrays_;
 };
 

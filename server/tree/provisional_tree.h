@@ -11,7 +11,7 @@
 
 #include "server/geometry/bounds.h"
 #include "server/tree/bvh.h"
-#include "server/tree/tree.h"
+#include "server/tree/traversed_tree.h"
 
 namespace deltaray {
 
@@ -20,7 +20,7 @@ namespace deltaray {
 //
 // Thread-safety: queries from any number of threads, while other threads publish δ-leaves. A δ-leaf goes from list to
 // BVH once and stays.
-class ProvisionalTree final : public Tree {
+class ProvisionalTree final : public TraversedTree {
  public:
   // Called, from whichever thread traces, before a δ-leaf that is not built is first searched; may publish it, from any
   // thread, or leave it. Used by lazy builds. Must not throw, and must be quick where it has nothing to do.
@@ -41,19 +41,14 @@ class ProvisionalTree final : public Tree {
   // The δ-leaf's BVH, or nullptr where it is not built yet.
   const BvhArrays* delta_leaf(uint32_t delta_leaf) const;
 
-  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
-  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
-  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
-               std::span<uint32_t> counts) const override;
-  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
-  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
   TreeShape Shape() const override;
 
  private:
-  TrianglesView triangles_;
+  void Traverse(const Ray& ray, Collector& collector) const override;
+
   BvhArrays top_;
-  std::vector<uint32_t> delta_leaf_of_node_;
-  std::vector<std::atomic<const BvhArrays*>> delta_leaves_;
+  std::vector<uint32_t> delta_leaf_of_node_;                 // of inner nodes: not used
+  std::vector<std::atomic<const BvhArrays*>> delta_leaves_;  // owned; nullptr: not built yet
   std::atomic<uint32_t> built_{0};
   ReachDeltaLeaf reach_delta_leaf_;
 };
