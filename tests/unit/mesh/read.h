@@ -1,0 +1,37 @@
+// Short ways to read a mesh in tests.
+
+#ifndef TESTS_UNIT_MESH_READ_H_
+#define TESTS_UNIT_MESH_READ_H_
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "server/mesh/read_mesh.h"
+
+namespace deltaray {
+
+inline absl::StatusOr<ReadMeshResult> Read(const std::string& bytes, MeshFormat format = MeshFormat::kDetect,
+                                           const MeshLimits& limits = {}) {
+  ReadMeshOptions options;
+  options.format = format;
+  options.limits = limits;
+  return ReadMesh(bytes, options);
+}
+
+// Expects that reading fails with `code` and a text that has all of `parts` in it.
+inline void ExpectRefused(const std::string& bytes, MeshFormat format, absl::StatusCode code,
+                          const std::vector<std::string>& parts, const MeshLimits& limits = {}) {
+  const absl::Status status = Read(bytes, format, limits).status();
+  EXPECT_EQ(status.code(), code) << status << "\nfor:\n" << bytes.substr(0, 300);
+  for (const std::string& part : parts) {
+    EXPECT_THAT(std::string(status.message()), testing::HasSubstr(part)) << "for:\n" << bytes.substr(0, 300);
+  }
+}
+
+using Corners = std::array<uint32_t, 3>;
+
+}  // namespace deltaray
+
+#endif  // TESTS_UNIT_MESH_READ_H_
