@@ -47,8 +47,8 @@ TEST(ObjReaderTest, KeepsFaceIdsOfPolygons) {
 
 TEST(ObjReaderTest, GroupsComeFromTheLastOfGAndO) {
   const std::string face = "f 1 2 3\n";
-  const ReadMeshResult result = ReadGood(kTriangle + face + "g  left   front \n" + face + "o unused\ng left front\n" + face +
-                                         "o box #1\n" + face + "g\n" + face + "g left front\n" + face);
+  const ReadMeshResult result = ReadGood(kTriangle + face + "g  left   front \n" + face + "o unused\ng left front\n" +
+                                         face + "o box #1\n" + face + "g\n" + face + "g left front\n" + face);
   EXPECT_THAT(result.mesh.groups, ElementsAre("left front", "box #1"));
   EXPECT_THAT(result.mesh.group_ids, ElementsAre(kNoGroup, 0, 0, 1, kNoGroup, 0));
 }
