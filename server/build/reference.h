@@ -39,6 +39,8 @@ class ReferenceArray {
   std::span<Reference> span() { return {data_.get(), size_}; }
   std::span<const Reference> span() const { return {data_.get(), size_}; }
 
+  // REQUIRES: size() < capacity().
+  void Add(const Reference& reference) { data_[size_++] = reference; }
   // REQUIRES: size <= capacity().
   void set_size(size_t size) { size_ = size; }
   // Gives back the room past size().

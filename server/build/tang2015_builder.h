@@ -16,18 +16,20 @@
 
 namespace deltaray {
 
-// Table 1, down to nodes of at most config.delta references: the axis is the widest one of the node's box, the position
-// on it the best one by the standard SAH, and a triangle whose box overlaps both halves is referenced, whole box and
-// all, in both.
+// Table 1, down to nodes of fewer than δ references (of one, where δ is 1: no node has fewer): the axis is the widest
+// one of the box round the node's primitives, as far as it lies in the node's cell; the position on it is the best one
+// by the standard SAH of config.traversal_cost and intersection_cost; and a primitive whose box overlaps both halves is
+// referenced, whole box and all, in both. A box overlaps a half where they share more than a face.
 //
-// Not as printed, since that does not end where more than δ triangles meet in a spot: a split that does not make both
-// children strictly smaller, that would not lower the cost, or that needs more room than the node has left in
-// `references` (shared as in BuildTop) gives way to an object split, and that to the median. Counts splits by kind and
-// δ-leaves (CountDeltaLeaf, references_placed) in `context`, and polls it. Bounds of nodes hold the parts of their
-// triangles that lie in their cell.
+// Not as printed, since that does not end where δ primitives meet in a spot, and since on uneven scenes it fills the
+// memory: a split gives way to an object split, and that to the median, where a child would have as many references as
+// its parent, where it needs more room than the node has left in `references` (shared in proportion to the children's
+// references), and at depths from kSahDepth on. No node is deeper than kMaxTopDownDepth.
 //
-// The result does not depend on the number of threads. Runs in the calling thread's TBB arena, in parallel. CANCELLED
-// where the build is; throws std::bad_alloc. No references: no nodes.
+// Counts splits by kind and δ-leaves (CountDeltaLeaf, references_placed) in `context`, and polls it. A node's bounds
+// are its cell, as printed: half of its parent's. The result does not depend on the number of threads. Runs in the
+// calling thread's TBB arena, in parallel. CANCELLED where the build is; throws std::bad_alloc. No references: no
+// nodes.
 absl::StatusOr<SplitTree> BuildTang2015Top(ReferenceArray references, const Config& config, BuildContext& context);
 
 // Table 2, for the references of one δ-leaf: clusters them by the cost of config.alpha, cluster_traversal_cost and
