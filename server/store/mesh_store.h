@@ -19,6 +19,8 @@
 
 namespace deltaray {
 
+class FirstAnswer;
+
 enum class MeshState : uint8_t { kStored, kBuilding, kProvisional, kReady, kFailed };
 
 // What is known of a mesh without its geometry in memory.
@@ -118,6 +120,7 @@ class MeshStore {
   struct Answer {
     std::string id;
     std::shared_ptr<const TreeSnapshot> snapshot;
+    std::shared_ptr<FirstAnswer> first_answer;  // for NoteAnswer
   };
   // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
   // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling

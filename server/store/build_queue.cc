@@ -1,0 +1,48 @@
+#include "server/store/build_queue.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace deltaray {
+
+BuildQueue::BuildQueue(uint32_t concurrent_builds, uint32_t build_threads) : build_threads_(build_threads) {
+  for (uint32_t i = 0; i < std::max(1u, concurrent_builds); ++i) threads_.emplace_back([this] { Work(); });
+}
+
+BuildQueue::~BuildQueue() { Stop(); }
+
+void BuildQueue::Push(std::function<void()> job) {
+  MutexLock lock(mutex_);
+  if (stopped_) return;
+  jobs_.push_back(std::move(job));
+  changed_.notify_one();
+}
+
+void BuildQueue::Stop() {
+  std::deque<std::function<void()>> dropped;  // destroyed without the lock
+  {
+    MutexLock lock(mutex_);
+    stopped_ = true;
+    dropped.swap(jobs_);
+    changed_.notify_all();
+  }
+  for (std::thread& thread : threads_) {
+    if (thread.joinable()) thread.join();
+  }
+}
+
+void BuildQueue::Work() {
+  for (;;) {
+    std::function<void()> job;
+    {
+      MutexLock lock(mutex_);
+      while (jobs_.empty() && !stopped_) changed_.wait(mutex_);
+      if (stopped_) return;
+      job = std::move(jobs_.front());
+      jobs_.pop_front();
+    }
+    job();
+  }
+}
+
+}  // namespace deltaray

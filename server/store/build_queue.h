@@ -1,0 +1,49 @@
+// Gives builds their numbers and their turns.
+
+#ifndef SERVER_STORE_BUILD_QUEUE_H_
+#define SERVER_STORE_BUILD_QUEUE_H_
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <thread>
+#include <vector>
+
+#include "server/build/mutex.h"
+
+namespace deltaray {
+
+// Runs jobs, each a whole build, in the order in which they came; a few at a time, on threads of its own, so that who
+// asks for a build never waits for it or for the disk. Thread-safe.
+class BuildQueue {
+ public:
+  // `concurrent_builds`: at least 1. `build_threads`: for each build; 0: all cores.
+  BuildQueue(uint32_t concurrent_builds, uint32_t build_threads);
+  // As Stop.
+  ~BuildQueue();
+
+  // Numbers count from 1 over all meshes of the store, since it was opened.
+  uint64_t NextNumber() { return ++last_number_; }
+  uint32_t build_threads() const { return build_threads_; }
+
+  // A job that comes after Stop is dropped.
+  void Push(std::function<void()> job);
+  // Drops the jobs that have not begun and waits for the others.
+  void Stop();
+
+ private:
+  void Work();
+
+  const uint32_t build_threads_;
+  std::atomic<uint64_t> last_number_{0};
+  Mutex mutex_;
+  Condition changed_;
+  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  std::deque<std::function<void()>> jobs_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_STORE_BUILD_QUEUE_H_

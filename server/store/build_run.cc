@@ -1,0 +1,139 @@
+#include "server/store/build_run.h"
+
+#include <new>
+#include <utility>
+
+#include <time.h>
+
+namespace deltaray {
+namespace {
+
+double ThreadCpuSeconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+double SecondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+}  // namespace
+
+absl::Status BuildRun::Run(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional) {
+  absl::Status status;
+  try {
+    status = LoadAndBuild(load, threads, on_provisional);
+  } catch (const std::bad_alloc&) {
+    status = absl::ResourceExhaustedError("no memory to build the tree");
+  }
+  std::shared_ptr<Build> dropped;  // destroyed, after the lock, where nothing is to be had from it
+  MutexLock lock(mutex_);
+  ended_ = true;
+  status_ = status;
+  if (!status.ok() && build_ && !build_->snapshot()) dropped.swap(build_);
+  return status;
+}
+
+absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, uint32_t threads,
+                                    const std::function<void()>& on_provisional) {
+  const auto begin = std::chrono::steady_clock::now();
+  const double cpu_begin = ThreadCpuSeconds();
+  {
+    MutexLock lock(mutex_);
+    begun_ = true;
+    begin_ = begin;
+  }
+  first_answer_->Begin();
+
+  if (cancelled_) return absl::CancelledError("the build was cancelled");
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh = load([this] { return cancelled_.load(); });
+  if (!mesh.ok()) return mesh.status();
+
+  Build::Options options;
+  options.config = config_;
+  options.threads = threads;
+  const double load_wall = SecondsSince(begin);
+  const double load_cpu = ThreadCpuSeconds() - cpu_begin;
+  const std::shared_ptr<Build> build = Build::Start(*std::move(mesh), std::move(options));
+  {
+    MutexLock lock(mutex_);
+    load_ = {BuildPhase::kReferences, load_wall, load_cpu};
+    build_ = build;
+  }
+  // A Cancel that came before build_ was set did not reach it.
+  if (cancelled_) build->Cancel();
+
+  if (absl::Status status = build->WaitProvisional(); !status.ok()) return status;
+  on_provisional();
+  return build->WaitDone();
+}
+
+void BuildRun::Cancel() {
+  cancelled_ = true;
+  if (const std::shared_ptr<Build> running = build()) running->Cancel();
+}
+
+std::shared_ptr<Build> BuildRun::build() const {
+  MutexLock lock(mutex_);
+  return build_;
+}
+
+bool BuildRun::has_ended() const {
+  MutexLock lock(mutex_);
+  return ended_;
+}
+
+absl::Status BuildRun::status() const {
+  MutexLock lock(mutex_);
+  return status_;
+}
+
+std::shared_ptr<const TreeSnapshot> BuildRun::snapshot() const {
+  const std::shared_ptr<Build> running = build();
+  return running ? running->snapshot() : nullptr;
+}
+
+BuildReport BuildRun::Report() const {
+  const std::shared_ptr<Build> running = build();
+  BuildReport report;
+  report.build_number = number_;
+  report.progress.triangles = triangles_;
+  if (running) report.progress = running->progress();
+  const std::shared_ptr<const TreeSnapshot> tree = running ? running->snapshot() : nullptr;
+
+  MutexLock lock(mutex_);
+  report.state = !status_.ok()  ? MeshState::kFailed
+                 : !tree        ? MeshState::kBuilding
+                 : tree->final ? MeshState::kReady
+                                : MeshState::kProvisional;
+  report.failure = std::string(status_.message());
+  if (running) {
+    report.progress.elapsed_seconds += load_.wall_seconds;
+  } else if (begun_) {
+    report.progress.phase = BuildPhase::kReferences;
+    report.progress.elapsed_seconds = ended_ ? 0 : SecondsSince(begin_);
+  }
+  return report;
+}
+
+StoredStatistics BuildRun::Statistics() const {
+  StoredStatistics result;
+  const std::shared_ptr<Build> running = build();
+  result.build_number = number_;
+  result.first_answer_seconds = first_answer_->seconds();
+  result.statistics = running->statistics();
+  result.mesh_bytes = running->snapshot()->mesh->Bytes();
+
+  MutexLock lock(mutex_);
+  for (PhaseTime& time : result.statistics.phases) {
+    if (time.phase != load_.phase) continue;
+    time.wall_seconds += load_.wall_seconds;
+    time.cpu_seconds += load_.cpu_seconds;
+  }
+  if (result.statistics.provisional_seconds > 0) result.statistics.provisional_seconds += load_.wall_seconds;
+  if (result.statistics.total_seconds > 0) result.statistics.total_seconds += load_.wall_seconds;
+  return result;
+}
+
+}  // namespace deltaray

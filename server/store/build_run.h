@@ -1,0 +1,95 @@
+// One build of one mesh, from the queue to its end.
+
+#ifndef SERVER_STORE_BUILD_RUN_H_
+#define SERVER_STORE_BUILD_RUN_H_
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/build/build.h"
+#include "server/build/mutex.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+// When the first ray was answered from a build. Thread-safe.
+class FirstAnswer {
+ public:
+  void Begin() { begin_ = Now(); }
+  // One relaxed read for all but the first.
+  void Note() {
+    int64_t none = 0;
+    if (at_.load(std::memory_order_relaxed) == none) at_.compare_exchange_strong(none, Now());
+  }
+  // From Begin to the first Note; 0: none yet.
+  double seconds() const {
+    const int64_t at = at_;
+    return at == 0 ? 0 : 1e-9 * static_cast<double>(at - begin_);
+  }
+
+ private:
+  static int64_t Now() { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); }
+
+  std::atomic<int64_t> begin_{0};  // nanoseconds of the steady clock
+  std::atomic<int64_t> at_{0};     // 0: no answer yet
+};
+
+// The seconds of a build count from the end of its wait in the queue, and those to load the mesh from disk count as
+// part of BuildPhase::kReferences. Thread-safe.
+class BuildRun {
+ public:
+  // Gives the mesh to build; asks now and then whether it was cancelled.
+  using LoadMesh =
+      std::function<absl::StatusOr<std::shared_ptr<const TriangleMesh>>(const std::function<bool()>& cancelled)>;
+
+  BuildRun(uint64_t number, const Config& config, uint64_t triangles)
+      : number_(number), config_(config), triangles_(triangles) {}
+
+  // Builds, and blocks until the build has ended. Calls `on_provisional` once rays can be answered; it is over before
+  // has_ended(). REQUIRES: called at most once.
+  absl::Status Run(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional);
+
+  // Makes Run end soon, also where it comes before Run.
+  void Cancel();
+
+  uint64_t number() const { return number_; }
+  const Config& config() const { return config_; }
+  const std::shared_ptr<FirstAnswer>& first_answer() const { return first_answer_; }
+
+  bool has_ended() const;
+  // OK until Run has ended otherwise.
+  absl::Status status() const;
+  // The best tree so far; null: none.
+  std::shared_ptr<const TreeSnapshot> snapshot() const;
+  // Never kStored.
+  BuildReport Report() const;
+  // REQUIRES: snapshot() was not null.
+  StoredStatistics Statistics() const;
+
+ private:
+  absl::Status LoadAndBuild(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional);
+  std::shared_ptr<Build> build() const;
+
+  const uint64_t number_;
+  const Config config_;
+  const uint64_t triangles_;  // of the mesh
+  const std::shared_ptr<FirstAnswer> first_answer_ = std::make_shared<FirstAnswer>();
+  std::atomic<bool> cancelled_{false};
+
+  mutable Mutex mutex_;
+  bool begun_ ABSL_GUARDED_BY(mutex_) = false;
+  std::chrono::steady_clock::time_point begin_ ABSL_GUARDED_BY(mutex_);
+  PhaseTime load_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<Build> build_ ABSL_GUARDED_BY(mutex_);
+  bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status status_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_STORE_BUILD_RUN_H_

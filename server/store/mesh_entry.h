@@ -1,0 +1,92 @@
+// A stored mesh in memory: what is known of it, its builds, and who waits for them.
+
+#ifndef SERVER_STORE_MESH_ENTRY_H_
+#define SERVER_STORE_MESH_ENTRY_H_
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/build/mutex.h"
+#include "server/store/build_queue.h"
+#include "server/store/build_run.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+// Life: stored, without a run -> a run is queued (Start, or whatever needs a tree) -> it loads and builds -> it
+// answers -> it is finished. Rebuild begins a new run; the old one's tree answers until the new one's can: rays that
+// take any tree go over to the new provisional one, those that want a final one keep the old final one until the new
+// one is final. Close ends it all. Nothing here blocks on a build or on the disk.
+//
+// Thread-safe. Callbacks are called without a lock held.
+class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
+ public:
+  // `info`: as read from the mesh's file at `path`, with its config. `queue` outlives the entry's builds.
+  MeshEntry(MeshInfo info, std::string path, BuildQueue* queue);
+
+  const std::string& id() const { return info_.id; }
+  // Without names, which the store keeps, and without groups.
+  MeshInfo Info() const;
+  const std::vector<std::string>& groups() const { return groups_; }
+  Config config() const;
+  // Whether the mesh's file turned out to be lost or damaged when it was read.
+  bool file_is_lost() const;
+
+  // Starts a build where there is neither a build nor a tree, or where the last build failed. `mesh`, the same as in
+  // the file, saves reading that; may be null.
+  void Start(std::shared_ptr<const TriangleMesh> mesh);
+  // Cancels the build under way and starts another one. `mesh` as above.
+  void Rebuild(const Config& config, std::shared_ptr<const TriangleMesh> mesh);
+  // MeshStore::WithTree.
+  void WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback);
+  // MeshStore::Watch: starts the build of a mesh that is only stored.
+  BuildReport Watch();
+  // MeshStore::Statistics.
+  absl::StatusOr<StoredStatistics> Statistics() const;
+
+  // Cancels the build and answers all who wait, now and later, with `status`.
+  void Close(const absl::Status& status);
+
+ private:
+  struct Waiter {
+    bool final;
+    std::function<void(absl::StatusOr<MeshStore::Answer>)> callback;
+  };
+
+  void StartRun(const Config& config, std::shared_ptr<const TriangleMesh> mesh) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // On a thread of the queue, from begin to end of a build.
+  void DoRun(const std::shared_ptr<BuildRun>& run);
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> LoadMesh(const std::function<bool()>& cancelled);
+  void BecomeProvisional(const std::shared_ptr<BuildRun>& run);
+  void End(const std::shared_ptr<BuildRun>& run, const absl::Status& status);
+
+  MeshStore::Answer AnswerFrom(const BuildRun& run) const;
+  absl::Status BuildFailure(const absl::Status& status) const;
+
+  const std::vector<std::string> groups_;
+  const MeshInfo info_;  // without names, groups, state and failure; its config is the first one
+  const std::string path_;
+  BuildQueue* const queue_;
+
+  mutable Mutex mutex_;
+  Config config_ ABSL_GUARDED_BY(mutex_);
+  absl::Status closed_ ABSL_GUARDED_BY(mutex_);  // not OK once closed
+  bool file_is_lost_ ABSL_GUARDED_BY(mutex_) = false;
+  // The geometry on its way from an upload to the run that builds it.
+  std::shared_ptr<const TriangleMesh> uploaded_ ABSL_GUARDED_BY(mutex_);
+  // The geometry, for as long as a tree or a build needs it.
+  std::weak_ptr<const TriangleMesh> mesh_ ABSL_GUARDED_BY(mutex_);
+  // The latest run; the latest one that has a tree; the latest one that was finished. Often the same.
+  std::shared_ptr<BuildRun> current_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<BuildRun> answering_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<BuildRun> finished_ ABSL_GUARDED_BY(mutex_);
+  std::vector<Waiter> waiters_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_STORE_MESH_ENTRY_H_

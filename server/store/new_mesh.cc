@@ -1,0 +1,96 @@
+#include "server/store/new_mesh.h"
+
+#include <chrono>
+#include <span>
+#include <utility>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "server/store/record_file.h"
+
+namespace deltaray {
+namespace {
+
+absl::Status CheckAnnounced(UploadFile& file, const Upload::CommitOptions& options) {
+  const absl::StatusOr<std::string> sha256 = file.Finish();
+  if (!sha256.ok()) return sha256.status();
+  if (options.size && *options.size != file.size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("size_bytes: ", *options.size, " bytes were announced, ", file.size(), " arrived"));
+  }
+  if (!options.sha256.empty() && options.sha256 != *sha256) {
+    return absl::InvalidArgumentError(absl::StrCat("sha256: ", absl::BytesToHexString(options.sha256),
+                                                   " was announced, ", absl::BytesToHexString(*sha256), " arrived"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions& options, const MeshLimits& limits) {
+  if (!options.name.empty()) {
+    if (absl::Status status = ValidateMeshName(options.name); !status.ok()) return status;
+  }
+  if (options.config) {
+    if (absl::Status status = Validate(*options.config); !status.ok()) return status;
+  }
+  if (absl::Status status = CheckAnnounced(file, options); !status.ok()) return status;
+
+  ReadMeshOptions read_options = options.read;
+  read_options.limits = limits;
+  absl::StatusOr<ReadMeshResult> read;
+  const absl::Status read_status = file.Read([&](std::span<const char> bytes) {
+    read = ReadMesh(bytes, read_options);
+    return read.status();
+  });
+  if (!read_status.ok()) return read_status;
+
+  NewMesh upload;
+  upload.mesh = std::make_shared<const TriangleMesh>(std::move(read->mesh));
+  upload.name = options.name;
+  upload.config = options.config;
+  absl::StatusOr<MeshDigest> digest = DigestMesh(*upload.mesh);
+  if (!digest.ok()) return digest.status();
+  upload.digest = *std::move(digest);
+
+  upload.info.id = absl::BytesToHexString(upload.digest.sha256);
+  upload.info.vertex_count = upload.mesh->positions.size();
+  upload.info.triangle_count = upload.mesh->indices.size();
+  upload.info.face_count = upload.mesh->face_count;
+  upload.info.origin = upload.mesh->origin;
+  upload.info.groups = upload.mesh->groups;
+  upload.info.report = std::move(read->report);
+  // As the file keeps it, so that it is the same after a restart.
+  upload.info.created = std::chrono::floor<std::chrono::microseconds>(std::chrono::system_clock::now());
+  upload.info.stored_bytes = MeshFileBytes(upload.digest, upload.info);
+
+  if (options.read.cancelled && options.read.cancelled()) return absl::CancelledError("the upload was cancelled");
+  return upload;
+}
+
+absl::Status PreparedFiles::PrepareLabels(const NewMesh& upload, const DataDirectory& directory) {
+  if (upload.config) {
+    absl::StatusOr<TemporaryFile> file = directory.Prepare(EncodeConfig(*upload.config));
+    if (!file.ok()) return file.status();
+    config.emplace(*std::move(file));
+  }
+  if (!upload.name.empty()) {
+    absl::StatusOr<TemporaryFile> file = directory.Prepare(EncodeName({upload.name, upload.info.id}));
+    if (!file.ok()) return file.status();
+    name.emplace(*std::move(file));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PreparedFiles::PrepareMesh(const NewMesh& upload, const DataDirectory& directory) {
+  absl::StatusOr<TemporaryFile> file = TemporaryFile::Create(directory.TemporariesPath());
+  if (!file.ok()) return file.status();
+  if (absl::Status status = WriteMeshFile(*upload.mesh, upload.digest, upload.info, &*file); !status.ok()) {
+    return status;
+  }
+  if (absl::Status status = file->Sync(); !status.ok()) return status;
+  mesh.emplace(*std::move(file));
+  return absl::OkStatus();
+}
+
+}  // namespace deltaray
