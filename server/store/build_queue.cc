@@ -5,7 +5,7 @@
 
 namespace deltaray {
 
-BuildQueue::BuildQueue(uint32_t concurrent_builds, uint32_t build_threads) : build_threads_(build_threads) {
+BuildQueue::BuildQueue(uint32_t concurrent_builds, Build::Options options) : options_(std::move(options)) {
   for (uint32_t i = 0; i < std::max(1u, concurrent_builds); ++i) threads_.emplace_back([this] { Work(); });
 }
 

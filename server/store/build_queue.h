@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/build/build.h"
 #include "server/build/mutex.h"
 
 namespace deltaray {
@@ -18,14 +19,14 @@ namespace deltaray {
 // asks for a build never waits for it or for the disk. Thread-safe.
 class BuildQueue {
  public:
-  // `concurrent_builds`: at least 1. `build_threads`: for each build; 0: all cores.
-  BuildQueue(uint32_t concurrent_builds, uint32_t build_threads);
+  // `concurrent_builds`: at least 1. `options`: those of each build, but for its config.
+  BuildQueue(uint32_t concurrent_builds, Build::Options options);
   // As Stop.
   ~BuildQueue();
 
   // Numbers count from 1 over all meshes of the store, since it was opened.
   uint64_t NextNumber() { return ++last_number_; }
-  uint32_t build_threads() const { return build_threads_; }
+  const Build::Options& options() const { return options_; }
 
   // A job that comes after Stop is dropped.
   void Push(std::function<void()> job);
@@ -35,7 +36,7 @@ class BuildQueue {
  private:
   void Work();
 
-  const uint32_t build_threads_;
+  const Build::Options options_;
   std::atomic<uint64_t> last_number_{0};
   Mutex mutex_;
   Condition changed_;

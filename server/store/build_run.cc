@@ -1,9 +1,9 @@
 #include "server/store/build_run.h"
 
+#include <time.h>
+
 #include <new>
 #include <utility>
-
-#include <time.h>
 
 namespace deltaray {
 namespace {
@@ -20,10 +20,11 @@ double SecondsSince(std::chrono::steady_clock::time_point begin) {
 
 }  // namespace
 
-absl::Status BuildRun::Run(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional) {
+absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
+                           const std::function<void()>& on_provisional) {
   absl::Status status;
   try {
-    status = LoadAndBuild(load, threads, on_provisional);
+    status = LoadAndBuild(load, options, on_provisional);
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("no memory to build the tree");
   }
@@ -35,7 +36,7 @@ absl::Status BuildRun::Run(const LoadMesh& load, uint32_t threads, const std::fu
   return status;
 }
 
-absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, uint32_t threads,
+absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options,
                                     const std::function<void()>& on_provisional) {
   const auto begin = std::chrono::steady_clock::now();
   const double cpu_begin = ThreadCpuSeconds();
@@ -50,9 +51,7 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, uint32_t threads,
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh = load([this] { return cancelled_.load(); });
   if (!mesh.ok()) return mesh.status();
 
-  Build::Options options;
   options.config = config_;
-  options.threads = threads;
   const double load_wall = SecondsSince(begin);
   const double load_cpu = ThreadCpuSeconds() - cpu_begin;
   const std::shared_ptr<Build> build = Build::Start(*std::move(mesh), std::move(options));
@@ -103,10 +102,16 @@ BuildReport BuildRun::Report() const {
   const std::shared_ptr<const TreeSnapshot> tree = running ? running->snapshot() : nullptr;
 
   MutexLock lock(mutex_);
-  report.state = !status_.ok()  ? MeshState::kFailed
-                 : !tree        ? MeshState::kBuilding
-                 : tree->final ? MeshState::kReady
-                                : MeshState::kProvisional;
+  // A lazy build has ended long before all of its δ-leaves are built.
+  const bool ready =
+      config_.lazy ? ended_ && report.progress.delta_leaves_built == report.progress.delta_leaves : tree && tree->final;
+  if (!status_.ok()) {
+    report.state = MeshState::kFailed;
+  } else if (!tree) {
+    report.state = MeshState::kBuilding;
+  } else {
+    report.state = ready ? MeshState::kReady : MeshState::kProvisional;
+  }
   report.failure = std::string(status_.message());
   if (running) {
     report.progress.elapsed_seconds += load_.wall_seconds;

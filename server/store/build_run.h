@@ -50,9 +50,9 @@ class BuildRun {
   BuildRun(uint64_t number, const Config& config, uint64_t triangles)
       : number_(number), config_(config), triangles_(triangles) {}
 
-  // Builds, and blocks until the build has ended. Calls `on_provisional` once rays can be answered; it is over before
-  // has_ended(). REQUIRES: called at most once.
-  absl::Status Run(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional);
+  // Builds with `options` but the run's own config, and blocks until the build has ended. Calls `on_provisional` once
+  // rays can be answered; it is over before has_ended(). REQUIRES: called at most once.
+  absl::Status Run(const LoadMesh& load, const Build::Options& options, const std::function<void()>& on_provisional);
 
   // Makes Run end soon, also where it comes before Run.
   void Cancel();
@@ -72,7 +72,7 @@ class BuildRun {
   StoredStatistics Statistics() const;
 
  private:
-  absl::Status LoadAndBuild(const LoadMesh& load, uint32_t threads, const std::function<void()>& on_provisional);
+  absl::Status LoadAndBuild(const LoadMesh& load, Build::Options options, const std::function<void()>& on_provisional);
   std::shared_ptr<Build> build() const;
 
   const uint64_t number_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -25,11 +26,11 @@ bool Exists(const std::string& path) {
   return std::filesystem::exists(path, error) || error;
 }
 
-void Drop(const std::string& path, absl::string_view why) {
+void Drop(const std::string& path, std::string_view why) {
   if (absl::Status status = RemoveFile(path); status.ok()) {
     spdlog::info("removed {}: {}", path, why);
   } else {
-    spdlog::warn("{}: {}, but {}", path, why, status.message());
+    spdlog::warn("{}: {}, but {}", path, why, status.ToString());
   }
 }
 
@@ -86,7 +87,7 @@ absl::Status DataDirectory::ReadMeshes(Contents* contents, size_t* refused) cons
       info = absl::DataLossError(absl::StrCat("mesh file ", MeshPath(id), " holds a mesh of another id"));
     }
     if (!info.ok()) {
-      spdlog::error("refused: {}", info.status().message());
+      spdlog::error("refused: {}", info.status().ToString());
       ++*refused;
       continue;
     }
@@ -109,7 +110,7 @@ absl::Status DataDirectory::ReadNames(Contents* contents, size_t* refused) const
     absl::StatusOr<NameRecord> record = text.ok() ? DecodeName(*text) : text.status();
     if (record.ok() && NamePath(record->name) != path) record = absl::DataLossError("holds another name");
     if (!record.ok()) {
-      spdlog::error("refused: name file {}: {}", path, record.status().message());
+      spdlog::error("refused: name file {}: {}", path, record.status().ToString());
       ++*refused;
     } else if (ids.contains(record->id)) {
       contents->names.push_back(*std::move(record));
@@ -140,7 +141,7 @@ Config DataDirectory::ReadConfig(absl::string_view id, size_t* refused) const {
   const absl::StatusOr<Config> config = text.ok() ? DecodeConfig(*text) : text.status();
   if (config.ok()) return *config;
   spdlog::error("refused: config file {}: {}; the mesh is built with the default config", path,
-                config.status().message());
+                config.status().ToString());
   ++*refused;
   return Config();
 }

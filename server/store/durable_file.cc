@@ -66,8 +66,7 @@ FileDescriptor::~FileDescriptor() {
 }
 
 absl::Status FileError(int error, absl::string_view action, absl::string_view path) {
-  const std::string text =
-      absl::StrCat("cannot ", action, " ", path, ": ", std::generic_category().message(error));
+  const std::string text = absl::StrCat("cannot ", action, " ", path, ": ", std::generic_category().message(error));
   switch (error) {
     case ENOSPC:
     case EDQUOT:
@@ -162,8 +161,7 @@ absl::Status RemoveFile(const std::string& path) {
 absl::StatusOr<TemporaryFile> TemporaryFile::Create(const std::string& folder) {
   for (;;) {
     std::string path = absl::StrCat(folder, "/", RandomFileName());
-    FileDescriptor file(
-        Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
+    FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
     if (!file.IsOpen()) {
       if (errno == EEXIST) continue;
       return FileError(errno, "create", path);
@@ -196,15 +194,13 @@ absl::Status TemporaryFile::MoveTo(const std::string& path) {
 }
 
 absl::StatusOr<FileDescriptor> CreateUnnamedFile(const std::string& folder) {
-  FileDescriptor file(
-      Retry([&] { return open(folder.c_str(), O_TMPFILE | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode); }));
+  FileDescriptor file(Retry([&] { return open(folder.c_str(), O_TMPFILE | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode); }));
   if (file.IsOpen()) return file;
   // NFS, FUSE and others have no O_TMPFILE.
   if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) return FileError(errno, "create a file in", folder);
   for (;;) {
     const std::string path = absl::StrCat(folder, "/", RandomFileName());
-    file = FileDescriptor(
-        Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
+    file = FileDescriptor(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
     if (!file.IsOpen()) {
       if (errno == EEXIST) continue;
       return FileError(errno, "create", path);
@@ -219,7 +215,8 @@ size_t RemoveAbandonedFiles(const std::string& folder) {
   std::error_code error;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string path = entry->path().string();
-    const FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW); }));
+    const FileDescriptor file(
+        Retry([&] { return open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW); }));
     if (!file.IsOpen() || !IsAbandoned(file.get())) continue;
     if (unlink(path.c_str()) == 0) {
       ++removed;

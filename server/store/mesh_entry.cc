@@ -11,7 +11,11 @@
 namespace deltaray {
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue)
-    : groups_(std::exchange(info.groups, {})), info_(std::move(info)), path_(std::move(path)), queue_(queue), config_(info_.config) {}
+    : groups_(std::exchange(info.groups, {})),
+      info_(std::move(info)),
+      path_(std::move(path)),
+      queue_(queue),
+      config_(info_.config) {}
 
 MeshInfo MeshEntry::Info() const {
   MeshInfo info = info_;
@@ -114,7 +118,7 @@ void MeshEntry::StartRun(const Config& config, std::shared_ptr<const TriangleMes
 void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
   spdlog::info("build {} of mesh {} started", run->number(), id());
   const auto load = [this](const std::function<bool()>& cancelled) { return LoadMesh(cancelled); };
-  const absl::Status status = run->Run(load, queue_->build_threads(), [&] { BecomeProvisional(run); });
+  const absl::Status status = run->Run(load, queue_->options(), [&] { BecomeProvisional(run); });
   const double seconds = run->Report().progress.elapsed_seconds;
   if (status.ok()) {
     spdlog::info("build {} of mesh {} ended after {:.3f} s", run->number(), id(), seconds);

@@ -17,7 +17,12 @@ constexpr size_t kMaxNameBytes = 128;
 bool TakeCodePoint(absl::string_view* text, uint32_t* code_point) {
   const auto byte = [&](size_t i) { return static_cast<uint8_t>((*text)[i]); };
   const uint8_t first = byte(0);
-  const size_t length = first < 0x80 ? 1 : first < 0xC0 ? 0 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : first < 0xF8 ? 4 : 0;
+  const size_t length = first < 0x80   ? 1
+                        : first < 0xC0 ? 0
+                        : first < 0xE0 ? 2
+                        : first < 0xF0 ? 3
+                        : first < 0xF8 ? 4
+                                       : 0;
   if (length == 0 || text->size() < length) return false;
   uint32_t value = length == 1 ? first : first & (0x7F >> length);
   for (size_t i = 1; i < length; ++i) {

@@ -95,7 +95,8 @@ class StoreUpload final : public Upload {
 Store::Store(Options options, DataDirectory directory, DataDirectory::Contents contents)
     : options_(std::move(options)),
       directory_(std::move(directory)),
-      queue_(options_.concurrent_builds, options_.build_threads) {
+      queue_(options_.concurrent_builds,
+             {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf}) {
   MutexLock lock(mutex_);
   for (MeshInfo& info : contents.meshes) {
     const std::string id = info.id;

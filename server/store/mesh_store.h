@@ -93,7 +93,8 @@ class MeshStore {
     uint64_t max_upload_bytes = uint64_t{4} << 30;
     MeshLimits mesh_limits;
     uint32_t concurrent_builds = 1;
-    uint32_t build_threads = 0;  // 0: all cores
+    uint32_t build_threads = 0;           // 0: all cores
+    std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
   };
 
   // Opens the directory and reads what is there. A file that is not whole is reported in the log, and left out.

@@ -50,8 +50,8 @@ class RecordReader {
     } else if (version != kVersion) {
       uint32_t number = 0;
       status_ = absl::SimpleAtoi(version, &number) && number > 1
-                    ? absl::FailedPreconditionError(absl::StrCat("of format version ", number,
-                                                                 "; this deltaray reads version ", kVersion))
+                    ? absl::FailedPreconditionError(
+                          absl::StrCat("of format version ", number, "; this deltaray reads version ", kVersion))
                     : absl::DataLossError("malformed first line");
     }
     if (!status_.ok()) return;
@@ -166,8 +166,8 @@ std::string EncodeName(const NameRecord& record) {
 absl::StatusOr<NameRecord> DecodeName(absl::string_view text) {
   NameRecord record;
   RecordReader reader(text, kNameKind);
-  record.id = reader.Take("mesh");
-  record.name = reader.Take("name");
+  record.id = std::string(reader.Take("mesh"));
+  record.name = std::string(reader.Take("name"));
   if (absl::Status status = reader.Finish(); !status.ok()) return status;
   if (absl::Status status = ValidateMeshName(record.name); !status.ok()) return absl::DataLossError(status.message());
   if (!IsMeshId(record.id)) return absl::DataLossError("mesh is not a mesh id");
