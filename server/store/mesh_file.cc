@@ -17,7 +17,7 @@
 namespace deltaray {
 namespace {
 
-constexpr absl::string_view kMagic = "deltaray";
+constexpr absl::string_view kMagic = "DRMESH\r\n";
 constexpr uint32_t kVersion = 1;
 // magic, version, metadata bytes, payload bytes, SHA-256 of the payload.
 constexpr size_t kCheckedHeaderBytes = 8 + 4 + 4 + 8 + Sha256::kBytes;

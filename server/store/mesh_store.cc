@@ -154,13 +154,13 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
       if (!upload.name.empty()) MoveName(upload.name, id);
       stored = slot;
     }
+    spdlog::info("{} mesh {}: {} triangles{}{}", committed.created ? "stored" : "found again", id,
+                 upload.info.triangle_count, upload.name.empty() ? "" : ", named ", upload.name);
     if (is_new || same_config) {
       entry->Start(upload.mesh);
     } else {
       entry->Rebuild(*upload.config, upload.mesh);
     }
-    spdlog::info("{} mesh {}: {} triangles{}{}", committed.created ? "stored" : "found again", id,
-                 upload.info.triangle_count, upload.name.empty() ? "" : ", named ", upload.name);
     committed.info = stored.Info();
     committed.info.groups = entry->groups();
     return committed;

@@ -43,7 +43,8 @@ struct MeshInfo {
 // The progress of a mesh's build, and which build it is.
 struct BuildReport {
   MeshState state = MeshState::kStored;
-  uint64_t build_number = 0;  // 0: none since the start
+  // Counted from 1 over the builds of all meshes since the store was opened. 0: the mesh had none.
+  uint64_t build_number = 0;
   BuildProgress progress;
   std::string failure;
 };
@@ -59,7 +60,7 @@ struct StoredStatistics {
 absl::Status ValidateMeshName(absl::string_view name);
 
 // The bytes of an upload on their way to a mesh: a file in the data directory without a name, so that the kernel takes
-// it away whatever happens to the server. Not thread-safe.
+// it away whatever happens to the server. Not thread-safe; must be gone before its store is.
 class Upload {
  public:
   virtual ~Upload() = default;  // drops what was not committed
@@ -72,7 +73,7 @@ class Upload {
     std::string name;              // empty: none
     std::optional<uint64_t> size;  // checked where set
     std::string sha256;            // 32 bytes; checked where not empty
-    ReadMeshOptions read;
+    ReadMeshOptions read;          // but for its limits, which are the store's
     std::optional<Config> config;  // unset: keep the mesh's, or the default
   };
   struct Committed {
