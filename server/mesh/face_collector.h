@@ -43,6 +43,7 @@ class FaceCollector {
   void Reserve(uint64_t vertices, uint64_t faces);
 
   uint64_t vertex_count() const { return mesh_.vertices.size(); }
+  const Vec3d& vertex(uint32_t index) const { return mesh_.vertices[index]; }
   uint64_t face_count() const { return mesh_.face_count; }
   const MeshLimits& limits() const { return options_.limits; }
 

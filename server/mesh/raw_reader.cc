@@ -77,21 +77,25 @@ absl::StatusOr<ReadMeshResult> ReadRaw(std::span<const char> bytes, const ReadMe
   const std::span<const char> indices = bytes.subspan(position_bytes);
   if (absl::Status status = CheckIndices(indices, position_bytes, raw.vertex_count); !status.ok()) return status;
 
+  absl::StatusOr<ReadMeshResult> result;
   if (raw.float64) {
     PolygonMesh mesh;
     mesh.vertices = Take<Vec3d>(&bytes, raw.vertex_count);
     if (absl::Status status = CheckPositions(mesh.vertices); !status.ok()) return status;
     mesh.corners = Take<uint32_t>(&bytes, 3 * raw.triangle_count);
     mesh.face_count = raw.triangle_count;
-    return FinishMesh(std::move(mesh), Warnings(), options.cancelled);
+    result = FinishMesh(std::move(mesh), Warnings(), options.cancelled);
+  } else {
+    TriangleMesh mesh;
+    mesh.positions = Take<Vec3f>(&bytes, raw.vertex_count);
+    if (absl::Status status = CheckPositions(mesh.positions); !status.ok()) return status;
+    for (Vec3f& position : mesh.positions) position = position + Vec3f{0, 0, 0};  // -0 is stored as +0.
+    mesh.indices = Take<std::array<uint32_t, 3>>(&bytes, raw.triangle_count);
+    mesh.face_count = raw.triangle_count;
+    result = FinishMesh(std::move(mesh), /*max_rounding=*/0, Warnings(), options.cancelled);
   }
-  TriangleMesh mesh;
-  mesh.positions = Take<Vec3f>(&bytes, raw.vertex_count);
-  if (absl::Status status = CheckPositions(mesh.positions); !status.ok()) return status;
-  for (Vec3f& position : mesh.positions) position = position + Vec3f{0, 0, 0};  // -0 is stored as +0.
-  mesh.indices = Take<std::array<uint32_t, 3>>(&bytes, raw.triangle_count);
-  mesh.face_count = raw.triangle_count;
-  return FinishMesh(std::move(mesh), /*max_rounding=*/0, Warnings(), options.cancelled);
+  if (result.ok()) result->format = MeshFormat::kRaw;
+  return result;
 }
 
 }  // namespace deltaray

@@ -1,6 +1,5 @@
 #include "server/mesh/read_mesh.h"
 
-#include <exception>
 #include <new>
 
 #include "absl/strings/ascii.h"
@@ -9,28 +8,58 @@
 #include "server/mesh/face_collector.h"
 #include "server/mesh/line_cursor.h"
 #include "server/mesh/obj_reader.h"
+#include "server/mesh/ply_reader.h"
 #include "server/mesh/raw_reader.h"
+#include "server/mesh/stl_reader.h"
 
 namespace deltaray {
 namespace {
 
-absl::StatusOr<ReadMeshResult> Read(absl::string_view text, MeshFormat format, const ReadMeshOptions& options) {
-  if (format == MeshFormat::kRaw) return ReadRaw(text, options);
-  FaceCollector collector(options, /*first_index=*/1);
-  absl::Status status = ReadObj(text, &collector);
+absl::StatusOr<MeshFormat> Detect(absl::string_view bytes, const MeshLimits& limits) {
+  if (bytes.empty()) return Malformed(Location::Byte(0), "the file is empty");
+  if (LooksLikePly(bytes)) return MeshFormat::kPly;
+  if (HasBinaryStlSize(bytes)) return MeshFormat::kStl;
+  if (absl::StartsWith(bytes, "\xFF\xFE") || absl::StartsWith(bytes, "\xFE\xFF")) {
+    return Malformed(Location::Byte(0), "the file is text in UTF-16; only UTF-8 is read");
+  }
+  // Text tells its format by its first line that is neither blank nor a comment.
+  LineCursor lines(bytes, limits.max_line_bytes);
+  absl::string_view line;
+  while (true) {
+    const absl::StatusOr<bool> more = lines.Next(&line);
+    if (!more.ok()) return more.status();
+    if (!*more)
+      return Malformed(lines.where(), "the format can not be told: the file has nothing but blank lines and comments");
+    line = absl::StripAsciiWhitespace(line);
+    if (line.empty() || line.front() == '#') continue;
+    if (IsObjStatement(line)) return MeshFormat::kObj;
+    if (BeginsAsciiStl(line)) return MeshFormat::kStl;
+    return Malformed(lines.where(), "the format can not be told: no OBJ, PLY or STL file begins with ", Quoted(line));
+  }
+}
+
+absl::StatusOr<ReadMeshResult> Read(absl::string_view bytes, const ReadMeshOptions& options) {
+  absl::StatusOr<MeshFormat> format = options.format;
+  if (*format == MeshFormat::kDetect) format = Detect(bytes, options.limits);
+  if (!format.ok()) return format.status();
+  if (*format == MeshFormat::kRaw) return ReadRaw(bytes, options);
+
+  FaceCollector collector(options, /*first_index=*/*format == MeshFormat::kObj ? 1 : 0);
+  absl::Status status;
+  if (*format == MeshFormat::kObj) status = ReadObj(bytes, &collector);
+  if (*format == MeshFormat::kPly) status = ReadPly(bytes, &collector);
+  if (*format == MeshFormat::kStl) status = ReadStl(bytes, &collector);
   if (!status.ok()) return status;
-  return collector.Finish();
+  absl::StatusOr<ReadMeshResult> result = collector.Finish();
+  if (result.ok()) result->format = *format;
+  return result;
 }
 
 }  // namespace
 
 absl::StatusOr<ReadMeshResult> ReadMesh(std::span<const char> bytes, const ReadMeshOptions& options) {
   try {
-    absl::string_view text(bytes.data(), bytes.size());
-    const MeshFormat format = options.format == MeshFormat::kDetect ? MeshFormat::kObj : options.format;
-    absl::StatusOr<ReadMeshResult> result = Read(text, format, options);
-    if (result.ok()) result->format = format;
-    return result;
+    return Read({bytes.data(), bytes.size()}, options);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("the memory does not suffice to read the mesh");
   }
