@@ -1,0 +1,27 @@
+// What building costs, and what it gives: the hybrid and the baselines.
+
+#ifndef TESTS_BENCH_BUILD_BENCH_H_
+#define TESTS_BENCH_BUILD_BENCH_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+
+namespace deltaray {
+
+struct BuildBenchOptions {
+  std::vector<std::string> scenes;
+  std::vector<std::string> engines;
+  std::vector<std::string> presets;
+  std::vector<uint32_t> threads;
+  uint32_t rounds = 5;
+  std::string csv;  // "-": standard output
+};
+
+absl::Status RunBuildBench(const BuildBenchOptions& options);
+
+}  // namespace deltaray
+
+#endif  // TESTS_BENCH_BUILD_BENCH_H_

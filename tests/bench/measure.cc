@@ -1,0 +1,108 @@
+#include "tests/bench/measure.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <ctime>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "tests/scenes/load.h"
+
+namespace deltaray {
+namespace {
+
+constexpr std::array<std::pair<std::string_view, Builder>, 5> kEngines = {{{"hybrid", Builder::kHybrid},
+                                                                           {"kd_tree", Builder::kKdTree},
+                                                                           {"bvh", Builder::kBvh},
+                                                                           {"sbvh", Builder::kSbvh},
+                                                                           {"tang2015", Builder::kTang2015}}};
+constexpr std::array<std::pair<std::string_view, Preset>, 3> kPresets = {
+    {{"fast", Preset::kFast}, {"balanced", Preset::kBalanced}, {"best", Preset::kBest}}};
+
+template <typename T, size_t N>
+std::string_view NameOf(const std::array<std::pair<std::string_view, T>, N>& names, T value) {
+  return std::find_if(names.begin(), names.end(), [&](const auto& entry) { return entry.second == value; })->first;
+}
+
+template <typename T, size_t N>
+absl::StatusOr<T> Parse(const std::array<std::pair<std::string_view, T>, N>& names, const char* what,
+                        std::string_view name) {
+  std::string known;
+  for (const auto& [known_name, value] : names) {
+    if (name == known_name) return value;
+    absl::StrAppend(&known, known.empty() ? "" : ", ", std::string(known_name));
+  }
+  return absl::InvalidArgumentError(absl::StrCat("no ", what, " '", std::string(name), "'; there are ", known));
+}
+
+}  // namespace
+
+std::string_view EngineName(Builder builder) { return NameOf(kEngines, builder); }
+std::string_view PresetName(Preset preset) { return NameOf(kPresets, preset); }
+absl::StatusOr<Builder> ParseEngine(std::string_view name) { return Parse(kEngines, "engine", name); }
+absl::StatusOr<Preset> ParsePreset(std::string_view name) { return Parse(kPresets, "preset", name); }
+
+double FinishedBuild::cpu_seconds() const {
+  double sum = 0;
+  for (const PhaseTime& phase : statistics.phases) sum += phase.cpu_seconds;
+  return sum;
+}
+
+absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
+                                        uint32_t threads) {
+  Build::Options options;
+  options.config = config;
+  options.threads = threads;
+  const std::shared_ptr<Build> build = Build::Start(mesh, std::move(options));
+  if (absl::Status status = build->WaitDone(); !status.ok()) return status;
+  return FinishedBuild{build->snapshot(), build->statistics()};
+}
+
+double Samples::Quantile(double q) const {
+  std::vector<double> sorted = values_;
+  std::sort(sorted.begin(), sorted.end());
+  const double place = q * static_cast<double>(sorted.size() - 1);
+  const auto below = static_cast<size_t>(place);
+  const size_t above = std::min(below + 1, sorted.size() - 1);
+  return std::lerp(sorted[below], sorted[above], place - static_cast<double>(below));
+}
+
+absl::Status Interleave(size_t count, size_t rounds, const std::function<absl::Status(size_t)>& measure) {
+  for (size_t round = 0; round < rounds; ++round) {
+    for (size_t i = 0; i < count; ++i) {
+      if (absl::Status status = measure((round + i) % count); !status.ok()) return status;
+    }
+  }
+  return absl::OkStatus();
+}
+
+double ThreadCpuSeconds() {
+  timespec time;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+absl::StatusOr<std::vector<Scene>> LoadScenes(const std::vector<std::string>& names) {
+  std::vector<Scene> scenes;
+  for (const std::string& name : names) {
+    absl::StatusOr<TriangleMesh> mesh = LoadScene(name);
+    if (!mesh.ok()) return mesh.status();
+    scenes.push_back({name, std::make_shared<const TriangleMesh>(*std::move(mesh))});
+  }
+  return scenes;
+}
+
+absl::Status WriteLines(const std::string& path, const std::vector<std::string>& lines) {
+  std::ofstream file;
+  if (path != "-") file.open(path);
+  std::ostream& out = path == "-" ? std::cout : file;
+  std::copy(lines.begin(), lines.end(), std::ostream_iterator<std::string>(out, "\n"));
+  out.flush();
+  return out ? absl::OkStatus() : absl::UnavailableError(absl::StrCat("cannot write ", path));
+}
+
+}  // namespace deltaray

@@ -1,0 +1,68 @@
+// Building and timing, the same for all benchmarks.
+
+#ifndef TESTS_BENCH_MEASURE_H_
+#define TESTS_BENCH_MEASURE_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/build/build.h"
+
+namespace deltaray {
+
+// The engines by the names that the CSV files use: hybrid, kd_tree, bvh, sbvh, tang2015.
+std::string_view EngineName(Builder builder);
+std::string_view PresetName(Preset preset);
+absl::StatusOr<Builder> ParseEngine(std::string_view name);
+absl::StatusOr<Preset> ParsePreset(std::string_view name);
+
+// One build from start to end.
+struct FinishedBuild {
+  std::shared_ptr<const TreeSnapshot> snapshot;
+  BuildStatistics statistics;
+
+  double cpu_seconds() const;  // of all phases and threads
+};
+
+absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
+                                        uint32_t threads);
+
+// Repeated measurements of one thing.
+class Samples {
+ public:
+  void Add(double value) { values_.push_back(value); }
+  double median() const { return Quantile(0.5); }
+  // The quarters: half of the values lie between them.
+  double low() const { return Quantile(0.25); }
+  double high() const { return Quantile(0.75); }
+
+ private:
+  double Quantile(double q) const;
+  std::vector<double> values_;
+};
+
+// Calls measure(i) for i in [0, count) in `rounds` rounds, each of which starts with another i, so that what drifts on
+// the machine meets all alike. Stops at the first error.
+absl::Status Interleave(size_t count, size_t rounds, const std::function<absl::Status(size_t)>& measure);
+
+// Processor time of the calling thread.
+double ThreadCpuSeconds();
+
+// Loads scenes by name, each once and all before anything is measured.
+struct Scene {
+  std::string name;
+  std::shared_ptr<const TriangleMesh> mesh;
+};
+absl::StatusOr<std::vector<Scene>> LoadScenes(const std::vector<std::string>& names);
+
+// Writes `lines` to `path`; "-" is standard output.
+absl::Status WriteLines(const std::string& path, const std::vector<std::string>& lines);
+
+}  // namespace deltaray
+
+#endif  // TESTS_BENCH_MEASURE_H_
