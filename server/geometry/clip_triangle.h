@@ -9,8 +9,9 @@
 namespace deltaray {
 
 // A box that holds every point that `triangle` and the closed `box` share, and lies within `box` and within the
-// triangle's own bounds. Wider than the tightest such box by rounding only: about one float32 step at each face.
-// Empty only where nothing is shared; a box that is just missed may still give a box without width.
+// triangle's own bounds. Wider than the tightest such box by rounding only: about one float32 step at each face, more
+// where a face of `box` is nearly parallel to the triangle. Empty only where nothing is shared; a box that is just
+// missed may still give a box without width.
 //
 // `box` may be unbounded (infinite faces) or empty. Degenerate triangles are clipped as the segments or points that
 // they are. Source of the method: [Sutherland and Hodgman 1974]; the error bound is in README.md.

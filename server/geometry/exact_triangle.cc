@@ -176,6 +176,8 @@ bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling
 }
 
 int ExactCompareT(const Ray& ray, const Triangle& a, const Triangle& b) {
+  // Scenes with many copies of a triangle compare all of them at every hit.
+  if (a.v0 == b.v0 && a.v1 == b.v1 && a.v2 == b.v2) return 0;
   const Exact exact_a(ray, a), exact_b(ray, b);
   return Exact::Compare(exact_a.t * exact_b.det, exact_a.t_exponent, exact_b.t * exact_a.det, exact_b.t_exponent);
 }
