@@ -1,26 +1,125 @@
 #include "server/build/run_build.h"
 
+#include <new>
 #include <utility>
 
+#include "server/build/delta_leaf.h"
+#include "server/build/delta_leaf_tasks.h"
+#include "server/build/layout.h"
 #include "server/build/reference.h"
 #include "server/build/top_down.h"
 #include "server/tree/bvh.h"
+#include "server/tree/provisional_tree.h"
 
 namespace deltaray {
 namespace {
 
 // A tree that keeps its mesh alive.
 template <typename T, typename... Arguments>
-std::shared_ptr<T> MakeTree(std::shared_ptr<const TriangleMesh> mesh, Arguments&&... arguments) {
+std::shared_ptr<T> MakeTree(const std::shared_ptr<const TriangleMesh>& mesh, Arguments&&... arguments) {
   struct Owner {
-    Owner(std::shared_ptr<const TriangleMesh> mesh, Arguments&&... arguments)
-        : mesh(std::move(mesh)), tree(this->mesh->triangles(), std::forward<Arguments>(arguments)...) {}
     std::shared_ptr<const TriangleMesh> mesh;
     T tree;
+    Owner(const std::shared_ptr<const TriangleMesh>& mesh, Arguments&&... arguments)
+        : mesh(mesh), tree(mesh->triangles(), std::forward<Arguments>(arguments)...) {}
   };
-  auto owner = std::make_shared<Owner>(std::move(mesh), std::forward<Arguments>(arguments)...);
+  auto owner = std::make_shared<Owner>(mesh, std::forward<Arguments>(arguments)...);
   return std::shared_ptr<T>(owner, &owner->tree);
 }
+
+// Runs a phase, and counts this thread's time in it.
+template <typename Work>
+auto RunPhase(BuildContext& context, BuildPhase phase, Work&& work) {
+  context.EnterPhase(phase);
+  const BuildContext::CpuTime time(context);
+  return work();
+}
+
+// One build, phase by phase.
+class Run {
+ public:
+  Run(const std::shared_ptr<const TriangleMesh>& mesh, const Build::Options& options,
+      const std::shared_ptr<BuildContext>& context,
+      const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional)
+      : mesh_(mesh),
+        options_(options),
+        config_(options_.config),
+        context_(context),
+        publish_provisional_(publish_provisional) {}
+
+  absl::StatusOr<std::shared_ptr<const Tree>> Build() {
+    absl::StatusOr<ReferenceArray> references = RunPhase(*context_, BuildPhase::kReferences, [&] {
+      return MakeReferences(mesh_->triangles(), config_.duplication_budget, *context_);
+    });
+    if (!references.ok()) return references.status();
+    switch (config_.builder) {
+      case Builder::kHybrid:
+        return BuildWithDeltaLeaves(
+            [&] { return BuildTop(*std::move(references), mesh_->triangles(), config_, *context_); },
+            [config = config_, context = context_.get()](std::span<const Reference> delta_leaf, const Bounds& all) {
+              return BuildDeltaLeaf(delta_leaf, all, config, *context);
+            });
+      case Builder::kKdTree:
+      case Builder::kTang2015:
+      case Builder::kBvh:
+      case Builder::kSbvh:
+        return BuildBvh(*std::move(references));
+    }
+    return absl::InternalError("a build was asked for that there is no builder for");
+  }
+
+ private:
+  absl::StatusOr<std::shared_ptr<const Tree>> BuildBvh(ReferenceArray references) {
+    const absl::StatusOr<SplitTree> tree = RunPhase(
+        BuildPhase::kTop, [&] { return BuildTopDown(std::move(references), mesh_->triangles(), config_, *context_); });
+    if (!tree.ok()) return tree.status();
+    return RunPhase(*context_, BuildPhase::kLayout, [&] { return MakeTree<Bvh>(mesh_, ToBvhArrays(*tree)); });
+  }
+
+  // The flow of the hybrid: top, provisional tree, δ-leaves, final tree.
+  template <typename BuildTopOfIt>
+  absl::StatusOr<std::shared_ptr<const Tree>> BuildWithDeltaLeaves(BuildTopOfIt&& build_top,
+                                                                   DeltaLeafTasks::BuildOne build_one) {
+    absl::StatusOr<SplitTree> top = RunPhase(*context_, BuildPhase::kTop, build_top);
+    if (!top.ok()) return top.status();
+    BvhArrays top_arrays = ToBvhArrays(*top);
+    const auto tasks =
+        std::make_shared<DeltaLeafTasks>(*std::move(top), std::move(build_one), options_.on_delta_leaf, context_);
+    if (config_.lazy) return MakeLazyTree(std::move(top_arrays), tasks);
+
+    const std::shared_ptr<ProvisionalTree> provisional = MakeTree<ProvisionalTree>(mesh_, std::move(top_arrays));
+    publish_provisional_(provisional);
+    const absl::Status built =
+        RunPhase(*context_, BuildPhase::kDeltaLeaves, [&] { return tasks->BuildAndPublishAll(*provisional); });
+    if (!built.ok()) return built;
+    absl::StatusOr<BvhArrays> arrays =
+        RunPhase(*context_, BuildPhase::kLayout, [&] { return LayOut(*provisional, *context_); });
+    if (!arrays.ok()) return arrays.status();
+    return MakeTree<Bvh>(mesh_, *std::move(arrays));
+  }
+
+  // The tree owns the tasks, and they point back to it.
+  std::shared_ptr<const Tree> MakeLazyTree(BvhArrays top, const std::shared_ptr<DeltaLeafTasks>& tasks) {
+    const auto self = std::make_shared<ProvisionalTree*>();
+    const std::shared_ptr<ProvisionalTree> tree =
+        MakeTree<ProvisionalTree>(mesh_, std::move(top), [self, tasks, context = context_](uint32_t delta_leaf) {
+          const BuildContext::CpuTime time(*context, BuildPhase::kDeltaLeaves);
+          try {
+            tasks->BuildAndPublish(delta_leaf, **self);
+          } catch (const std::exception&) {
+            // The δ-leaf stays a list, which answers as well.
+          }
+        });
+    *self = tree.get();
+    return tree;
+  }
+
+  const std::shared_ptr<const TriangleMesh>& mesh_;
+  const Build::Options& options_;
+  const Config& config_;
+  const std::shared_ptr<BuildContext>& context_;
+  const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional_;
+};
 
 }  // namespace
 
@@ -28,24 +127,7 @@ absl::StatusOr<std::shared_ptr<const Tree>> RunBuild(
     const std::shared_ptr<const TriangleMesh>& mesh, const Build::Options& options,
     const std::shared_ptr<BuildContext>& context,
     const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional) {
-  context->EnterPhase(BuildPhase::kReferences);
-  absl::StatusOr<ReferenceArray> references = [&] {
-    const BuildContext::CpuTime time(*context);
-    return MakeReferences(mesh->triangles(), options.config.duplication_budget, *context);
-  }();
-  if (!references.ok()) return references.status();
-
-  context->EnterPhase(BuildPhase::kTop);
-  absl::StatusOr<SplitTree> tree = [&] {
-    const BuildContext::CpuTime time(*context);
-    return BuildTopDown(*std::move(references), mesh->triangles(), options.config, *context);
-  }();
-  if (!tree.ok()) return tree.status();
-
-  context->EnterPhase(BuildPhase::kLayout);
-  (void)publish_provisional;
-  const BuildContext::CpuTime time(*context);
-  return MakeTree<Bvh>(mesh, ToBvhArrays(*tree));
+  return Run(mesh, options, context, publish_provisional).Build();
 }
 
 }  // namespace deltaray

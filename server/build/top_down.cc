@@ -3,12 +3,13 @@
 #include <tbb/parallel_invoke.h>
 
 #include <algorithm>
-#include <cstring>
+#include <tuple>
 #include <utility>
 
 #include "server/build/object_split.h"
 #include "server/build/reduce_references.h"
 #include "server/build/sah.h"
+#include "server/build/spatial_split.h"
 
 namespace deltaray {
 namespace {
@@ -32,8 +33,10 @@ struct BoundsSum {
 
 class TopDownBuilder {
  public:
-  TopDownBuilder(ReferenceArray references, const Config& config, bool delta_leaves, BuildContext& context)
+  TopDownBuilder(ReferenceArray references, const TrianglesView& triangles, const Config& config, bool delta_leaves,
+                 BuildContext& context)
       : references_(std::move(references)),
+        triangles_(triangles),
         config_(config),
         costs_(config),
         delta_leaves_(delta_leaves),
@@ -64,39 +67,59 @@ class TopDownBuilder {
     // 1. Find the cheapest split; stop where none is worth it.
     const bool may_be_leaf = range.size() <= max_leaf_size_;
     if (may_be_leaf && delta_leaves_) return MakeLeaf(range, nodes[node]);
-    ObjectSplit split;
-    if (depth < kSahDepth) split = FindObjectSplit(span(range), context_);
-    if (may_be_leaf && costs_.Leaf(bounds.HalfArea(), range.size()) <= costs_.Split(bounds.HalfArea(), split.cost)) {
-      return MakeLeaf(range, nodes[node]);
+    ObjectSplit object_split;
+    SpatialSplit spatial_split;
+    if (depth < kSahDepth) {
+      object_split = FindObjectSplit(span(range), context_);
+      if (MaySplitInSpace(range, bounds, object_split)) {
+        spatial_split = FindSpatialSplit(span(range), triangles_, bounds, range.room(), context_);
+      }
     }
+    const double half_area = bounds.HalfArea();
+    const double leaf_cost = costs_.Leaf(half_area, range.size());
+    const double split_cost = costs_.Split(half_area, std::min(object_split.cost, spatial_split.cost));
+    if (may_be_leaf && leaf_cost <= split_cost) return MakeLeaf(range, nodes[node]);
 
-    // 2. Split.
-    if (split.IsFound()) {
-      context_.object_splits.fetch_add(1, std::memory_order_relaxed);
+    // 2. Split: in space only where that pays, else by objects, and at the median where nothing else does.
+    Range left, right;
+    Bounds left_bounds, right_bounds;
+    if (spatial_split.cost < object_split.cost && split_cost < leaf_cost) {
+      context_.spatial_splits.fetch_add(1, std::memory_order_relaxed);
+      const std::span<Reference> references_and_room(references_.data() + range.begin, range.limit - range.begin);
+      const SpatialParts parts = Partition(references_and_room, range.size(), triangles_, spatial_split, context_);
+      range.end = range.begin + parts.left_count + parts.right_count;
+      std::tie(left, right) = ShareRoom(range, parts.left_count);
+      left_bounds = parts.left;
+      right_bounds = parts.right;
     } else {
-      split = MedianSplit(span(range), bounds);
-      context_.median_splits.fetch_add(1, std::memory_order_relaxed);
+      if (object_split.IsFound()) {
+        context_.object_splits.fetch_add(1, std::memory_order_relaxed);
+      } else {
+        object_split = MedianSplit(span(range), bounds);
+        context_.median_splits.fetch_add(1, std::memory_order_relaxed);
+      }
+      std::tie(left, right) = ShareRoom(range, Partition(span(range), object_split, context_));
+      left_bounds = object_split.left;
+      right_bounds = object_split.right;
     }
-    const size_t middle = range.begin + Partition(span(range), split, context_);
     if (context_.cancelled()) return;
-    const auto [left, right] = ShareRoom(range, middle);
 
     // 3. Build both children.
     if (range.size() < kTaskReferences) {
-      Build(left, split.left, depth + 1, nodes);
+      Build(left, left_bounds, depth + 1, nodes);
       nodes[node].offset = static_cast<uint32_t>(nodes.size());
-      Build(right, split.right, depth + 1, nodes);
+      Build(right, right_bounds, depth + 1, nodes);
       return;
     }
     std::vector<BvhNode> right_nodes;
     tbb::parallel_invoke(
         [&] {
           const BuildContext::CpuTime time(context_);
-          Build(left, split.left, depth + 1, nodes);
+          Build(left, left_bounds, depth + 1, nodes);
         },
         [&] {
           const BuildContext::CpuTime time(context_);
-          Build(right, split.right, depth + 1, right_nodes);
+          Build(right, right_bounds, depth + 1, right_nodes);
         });
     const uint32_t base = static_cast<uint32_t>(nodes.size());
     nodes[node].offset = base;
@@ -106,6 +129,13 @@ class TopDownBuilder {
     nodes.insert(nodes.end(), right_nodes.begin(), right_nodes.end());
   }
 
+  // Whether the best object split's children overlap by enough.
+  bool MaySplitInSpace(const Range& range, const Bounds& bounds, const ObjectSplit& split) const {
+    if (range.room() == 0) return false;
+    const Bounds overlap = split.IsFound() ? Intersection(split.left, split.right) : bounds;
+    return config_.spatial_split_gate == 0 || overlap.HalfArea() > config_.spatial_split_gate * root_half_area_;
+  }
+
   void MakeLeaf(const Range& range, BvhNode& node) {
     node.offset = static_cast<uint32_t>(range.begin);
     node.count = static_cast<uint32_t>(range.size());
@@ -113,9 +143,10 @@ class TopDownBuilder {
     if (delta_leaves_) context_.CountDeltaLeaf(node.count);
   }
 
-  // Splits `range` at `middle` and its room in proportion to the sides' references. The right side moves up.
-  std::pair<Range, Range> ShareRoom(const Range& range, size_t middle) {
-    const size_t left_size = middle - range.begin, right_size = range.end - middle;
+  // Splits `range` after `left_size` references, and its room in proportion to the sides' references. The right side
+  // moves up.
+  std::pair<Range, Range> ShareRoom(const Range& range, size_t left_size) {
+    const size_t middle = range.begin + left_size, right_size = range.end - middle;
     const size_t left_room =
         static_cast<size_t>(static_cast<double>(range.room()) * static_cast<double>(left_size) / range.size());
     // Only as many references move as the gap is wide: their order does not matter.
@@ -142,6 +173,7 @@ class TopDownBuilder {
   }
 
   ReferenceArray references_;
+  const TrianglesView triangles_;
   const Config& config_;
   const SahCosts costs_;
   const bool delta_leaves_;  // whether leaves are δ-leaves
@@ -152,14 +184,14 @@ class TopDownBuilder {
 
 }  // namespace
 
-absl::StatusOr<SplitTree> BuildTop(ReferenceArray references, const TrianglesView&, const Config& config,
+absl::StatusOr<SplitTree> BuildTop(ReferenceArray references, const TrianglesView& triangles, const Config& config,
                                    BuildContext& context) {
-  return TopDownBuilder(std::move(references), config, true, context).Build();
+  return TopDownBuilder(std::move(references), triangles, config, true, context).Build();
 }
 
-absl::StatusOr<SplitTree> BuildTopDown(ReferenceArray references, const TrianglesView&, const Config& config,
+absl::StatusOr<SplitTree> BuildTopDown(ReferenceArray references, const TrianglesView& triangles, const Config& config,
                                        BuildContext& context) {
-  return TopDownBuilder(std::move(references), config, false, context).Build();
+  return TopDownBuilder(std::move(references), triangles, config, false, context).Build();
 }
 
 BvhArrays ToBvhArrays(const SplitTree& tree) {

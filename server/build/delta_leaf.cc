@@ -1,0 +1,55 @@
+#include "server/build/delta_leaf.h"
+
+#include <optional>
+
+#include "server/build/clustering.h"
+#include "server/build/collapse.h"
+#include "server/build/sah.h"
+#include "server/build/sweep_builder.h"
+#include "server/build/top_down.h"
+
+namespace deltaray {
+namespace {
+
+constexpr DeltaLeafCandidate kAll[] = {DeltaLeafCandidate::kCombinedCost, DeltaLeafCandidate::kAreaOnly,
+                                       DeltaLeafCandidate::kDistanceOnly, DeltaLeafCandidate::kTopDown};
+constexpr DeltaLeafCandidate kFastOnes[] = {DeltaLeafCandidate::kTopDown};
+
+std::span<const DeltaLeafCandidate> CandidatesOf(Preset preset) {
+  if (preset == Preset::kFast) return kFastOnes;
+  return kAll;
+}
+
+Dendrogram BuildCandidate(DeltaLeafCandidate candidate, std::span<const Reference> references,
+                          const Bounds& mesh_bounds, const Config& config, const BuildContext& context) {
+  if (candidate == DeltaLeafCandidate::kTopDown) return SplitBySweeps(references, context);
+  Bounds bounds;
+  for (const Reference& reference : references) bounds.Extend(reference.bounds);
+  const double diagonal = Length(static_cast<Vec3d>(bounds.max) - static_cast<Vec3d>(bounds.min));
+  const double alpha = candidate == DeltaLeafCandidate::kAreaOnly       ? 1
+                       : candidate == DeltaLeafCandidate::kDistanceOnly ? 0
+                                                                        : config.alpha;
+  return Cluster(references, ClusteringCost(alpha, config, mesh_bounds, diagonal), context);
+}
+
+}  // namespace
+
+BvhArrays BuildDeltaLeaf(std::span<const Reference> references, const Bounds& mesh_bounds, const Config& config,
+                         BuildContext& context) {
+  std::optional<CollapsedTree> best;
+  DeltaLeafCandidate winner{};
+  for (const DeltaLeafCandidate candidate : CandidatesOf(config.preset)) {
+    const Dendrogram dendrogram = BuildCandidate(candidate, references, mesh_bounds, config, context);
+    if (context.cancelled()) return BvhArrays();
+    CollapsedTree tree(references, dendrogram, SahCosts(config), config.max_leaf_size);
+    // Clusters may nest in a chain; only splits are sure to keep the tree flat.
+    if (tree.depth() > kSahDepth && candidate != DeltaLeafCandidate::kTopDown) continue;
+    if (best && best->cost() <= tree.cost()) continue;
+    best = std::move(tree);
+    winner = candidate;
+  }
+  context.candidate_wins[static_cast<size_t>(winner)].fetch_add(1, std::memory_order_relaxed);
+  return best->ToBvhArrays();
+}
+
+}  // namespace deltaray
