@@ -70,8 +70,9 @@ class Run {
 
  private:
   absl::StatusOr<std::shared_ptr<const Tree>> BuildBvh(ReferenceArray references) {
-    const absl::StatusOr<SplitTree> tree = RunPhase(
-        BuildPhase::kTop, [&] { return BuildTopDown(std::move(references), mesh_->triangles(), config_, *context_); });
+    const absl::StatusOr<SplitTree> tree = RunPhase(*context_, BuildPhase::kTop, [&] {
+      return BuildTopDown(std::move(references), mesh_->triangles(), config_, *context_);
+    });
     if (!tree.ok()) return tree.status();
     return RunPhase(*context_, BuildPhase::kLayout, [&] { return MakeTree<Bvh>(mesh_, ToBvhArrays(*tree)); });
   }
