@@ -5,10 +5,12 @@
 
 #include "server/build/delta_leaf.h"
 #include "server/build/delta_leaf_tasks.h"
+#include "server/build/kd_tree_builder.h"
 #include "server/build/layout.h"
 #include "server/build/reference.h"
 #include "server/build/top_down.h"
 #include "server/tree/bvh.h"
+#include "server/tree/kd_tree.h"
 #include "server/tree/provisional_tree.h"
 
 namespace deltaray {
@@ -60,6 +62,7 @@ class Run {
               return BuildDeltaLeaf(delta_leaf, all, config, *context);
             });
       case Builder::kKdTree:
+        return BuildKd(*std::move(references));
       case Builder::kTang2015:
       case Builder::kBvh:
       case Builder::kSbvh:
@@ -75,6 +78,14 @@ class Run {
     });
     if (!tree.ok()) return tree.status();
     return RunPhase(*context_, BuildPhase::kLayout, [&] { return MakeTree<Bvh>(mesh_, ToBvhArrays(*tree)); });
+  }
+
+  absl::StatusOr<std::shared_ptr<const Tree>> BuildKd(ReferenceArray references) {
+    absl::StatusOr<KdArrays> arrays = RunPhase(*context_, BuildPhase::kTop, [&] {
+      return BuildKdTree(references.span(), mesh_->triangles(), config_, *context_);
+    });
+    if (!arrays.ok()) return arrays.status();
+    return RunPhase(*context_, BuildPhase::kLayout, [&] { return MakeTree<KdTree>(mesh_, *std::move(arrays)); });
   }
 
   // The flow of the hybrid: top, provisional tree, δ-leaves, final tree.
