@@ -1,1 +1,130 @@
+#include "server/service/server.h"
 
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "grpcpp/ext/proto_server_reflection_plugin.h"
+#include "grpcpp/health_check_service_interface.h"
+#include "grpcpp/resource_quota.h"
+#include "grpcpp/server.h"
+#include "grpcpp/server_builder.h"
+#include "server/service/calls.h"
+#include "server/service/mesh_handlers.h"
+#include "server/service/ray_handlers.h"
+#include "server/service/tracer.h"
+#include "server/service/worker_pool.h"
+
+namespace deltaray {
+namespace {
+
+constexpr uint32_t kDiskThreads = 4;
+// Uploads that are read at once. Each takes memory for the whole mesh, and a core.
+constexpr uint32_t kCommitThreads = 2;
+// A client that has stopped without closing its connection is noticed by this alone.
+constexpr int kKeepaliveMs = 30'000;
+constexpr int kKeepaliveTimeoutMs = 10'000;
+// The least time between pings of a client that has no call under way.
+constexpr int kMinPingIntervalMs = 10'000;
+// Once all of our calls have ended, only health watches and reflection are left.
+constexpr std::chrono::milliseconds kLastCalls{200};
+
+class GrpcServer final : public Server {
+ public:
+  GrpcServer(const ServerOptions& options, std::unique_ptr<MeshStore> store)
+      : options_(options),
+        tracer_(options.threads),
+        store_(std::move(store)),
+        disk_(kDiskThreads),
+        commits_(kCommitThreads),
+        mesh_handlers_(&calls_,
+                       {store_.get(), &disk_, &commits_, options.store.max_upload_bytes, options.store.mesh_limits}),
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch}) {}
+
+  ~GrpcServer() override {
+    if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
+    // No call is left. Tasks of calls that were cut off may be, and they use the store.
+    tracer_.Stop();
+  }
+
+  absl::Status Listen() {
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    grpc::ServerBuilder builder;
+    builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
+    builder.RegisterService(&mesh_handlers_);
+    builder.RegisterService(&ray_handlers_);
+    builder.SetMaxReceiveMessageSize(static_cast<int>(options_.batch.max_message_bytes));
+    // A few megabytes of gzip can grow to gigabytes, before any limit is looked at.
+    builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
+    builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
+    // The limit on messages is looked at only once a message is in memory; this one holds before.
+    builder.SetResourceQuota(grpc::ResourceQuota("deltarayd").Resize(options_.network_bytes));
+    // Two servers at one port would share its clients at random.
+    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options_.max_streams_per_connection));
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+    builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
+    server_ = builder.BuildAndStart();
+    if (server_ == nullptr) {
+      return absl::UnavailableError(absl::StrCat("can not listen at ", options_.listen,
+                                                 ": the address is malformed, not of this machine, or taken"));
+    }
+    for (const std::string& service :
+         {std::string(v1::MeshService::service_full_name()), std::string(v1::RayService::service_full_name())}) {
+      server_->GetHealthCheckService()->SetServingStatus(service, true);
+    }
+    return absl::OkStatus();
+  }
+
+  int port() const override { return std::max(port_, 0); }
+  uint32_t threads() const override { return tracer_.threads(); }
+  bool Drain() override { return Shutdown(options_.drain_timeout); }
+
+ private:
+  bool Shutdown(std::chrono::milliseconds timeout) {
+    MutexLock lock(shutdown_mutex_);
+    if (shut_down_) return true;
+    shut_down_ = true;
+    const auto deadline = std::chrono::steady_clock::now() + timeout;
+    server_->GetHealthCheckService()->Shutdown();
+    calls_.Drain();
+    const bool all_ended = calls_.WaitUntilNone(deadline);
+    // Without a deadline this would wait for ever for whoever watches our health.
+    server_->Shutdown(std::chrono::system_clock::now() + (all_ended ? std::min(timeout, kLastCalls) : kLastCalls * 0));
+    return all_ended;
+  }
+
+  const ServerOptions options_;
+  Calls calls_;
+  // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
+  // whose builds hand answers to the tracer.
+  Tracer tracer_;
+  const std::unique_ptr<MeshStore> store_;
+  WorkerPool disk_;
+  WorkerPool commits_;
+  MeshHandlers mesh_handlers_;
+  RayHandlers ray_handlers_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+  Mutex shutdown_mutex_;
+  bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(options.store);
+  if (!store.ok()) return store.status();
+  return Start(options, *std::move(store));
+}
+
+absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, std::unique_ptr<MeshStore> store) {
+  auto server = std::make_unique<GrpcServer>(options, std::move(store));
+  if (absl::Status status = server->Listen(); !status.ok()) return status;
+  return server;
+}
+
+}  // namespace deltaray

@@ -1,0 +1,211 @@
+#include "server/service/batch_answer.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstring>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "server/build/mutex.h"
+#include "server/service/hit_columns.h"
+#include "server/service/ray_batch.h"
+#include "server/service/rpc_status.h"
+#include "server/service/tracer.h"
+
+namespace deltaray {
+namespace {
+
+// Rays of a piece: enough to make the cost of a task vanish, few enough that all cores end at about the same time and
+// that a cancelled batch ends soon.
+constexpr size_t kPieceRays = 512;
+// A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
+constexpr size_t kPieceHits = size_t{1} << 20;
+constexpr size_t kSmallBatchRays = 256;
+// Bytes of a request or reply besides its arrays, at most: ids, numbers, tags and lengths.
+constexpr uint64_t kOverheadBytes = 512;
+
+// The first failure by index of ray, of pieces that fail in any order.
+class FirstFailure {
+ public:
+  // Whether the piece that begins at `first` still matters.
+  bool Matters(size_t first) const { return first < first_.load(std::memory_order_relaxed); }
+
+  void Note(size_t first, absl::Status status) {
+    MutexLock lock(mutex_);
+    if (first >= first_.load(std::memory_order_relaxed)) return;
+    first_.store(first, std::memory_order_relaxed);
+    status_ = std::move(status);
+  }
+
+  absl::Status status() {
+    MutexLock lock(mutex_);
+    return status_;
+  }
+
+ private:
+  std::atomic<size_t> first_{SIZE_MAX};
+  Mutex mutex_;
+  absl::Status status_ ABSL_GUARDED_BY(mutex_);
+};
+
+absl::Status ReplyTooLarge(uint64_t limit) {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("the reply is over the limit of ", limit, " bytes a message; send smaller batches"));
+}
+
+// One batch while it is answered.
+class Answering {
+ public:
+  Answering(const TreeSnapshot& snapshot, const BatchQuery& query, const RayBatchView& rays, const BatchLimits& limits,
+            const std::function<bool()>& cancelled)
+      : mesh_(*snapshot.mesh),
+        tree_(*snapshot.tree),
+        query_(query),
+        rays_(rays),
+        limits_(limits),
+        cancelled_(cancelled) {}
+
+  // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
+  absl::Status TraceRows(v1::HitBatch* reply) {
+    HitColumns columns(query_, rays_.size(), rays_.size(), reply);
+    return ForPieces(kPieceRays, [&](size_t first, std::span<const Ray> rays) {
+      switch (query_.kind) {
+        case v1::QUERY_KIND_ANY_HIT: {
+          std::array<uint8_t, kPieceRays> any;
+          tree_.AnyHits(rays, query_.options, std::span(any).first(rays.size()));
+          columns.WriteAny(first, std::span(any).first(rays.size()));
+          break;
+        }
+        case v1::QUERY_KIND_COUNT_HITS: {
+          std::array<uint32_t, kPieceRays> counts;
+          tree_.CountHits(rays, query_.options, std::span(counts).first(rays.size()));
+          columns.WriteCounts(first, std::span(counts).first(rays.size()));
+          break;
+        }
+        default: {
+          std::array<Hit, kPieceRays> hits;
+          tree_.ClosestHits(rays, query_.options, std::span(hits).first(rays.size()));
+          columns.WriteHits(first, std::span(hits).first(rays.size()), mesh_);
+        }
+      }
+      return absl::OkStatus();
+    });
+  }
+
+  // ALL_HITS: each piece writes columns of its own, which are then put one after the other.
+  absl::Status TraceAllHits(v1::HitBatch* reply) {
+    const size_t piece_rays = std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, kPieceRays);
+    std::vector<v1::HitBatch> parts((rays_.size() + piece_rays - 1) / piece_rays);
+    std::string& offsets = *reply->mutable_offsets();
+    offsets.resize((rays_.size() + 1) * sizeof(uint32_t));
+    std::atomic<uint64_t> hits_in_all{0};
+    const uint64_t max_hits = MaxHits();
+
+    absl::Status status = ForPieces(piece_rays, [&](size_t first, std::span<const Ray> rays) -> absl::Status {
+      std::vector<Hit> hits;
+      std::array<uint32_t, kPieceRays> counts;
+      tree_.AllHits(rays, query_.options, &hits, std::span(counts).first(rays.size()));
+      if (hits_in_all.fetch_add(hits.size(), std::memory_order_relaxed) + hits.size() > max_hits) {
+        return ReplyTooLarge(limits_.max_message_bytes);
+      }
+      HitColumns columns(query_, rays.size(), hits.size(), &parts[first / piece_rays]);
+      columns.WriteHits(0, hits, mesh_);
+      // For now the number of hits of each ray; their sums follow below.
+      std::memcpy(offsets.data() + (first + 1) * sizeof(uint32_t), counts.data(), rays.size() * sizeof(uint32_t));
+      if (query_.Wants(v1::HIT_COLUMN_COUNT)) {
+        CountBeyondCap(rays, std::span(counts).first(rays.size()));
+        columns.WriteCounts(0, std::span(counts).first(rays.size()));
+      }
+      return absl::OkStatus();
+    });
+    if (!status.ok()) return status;
+
+    uint32_t sum = 0;
+    for (size_t i = 0; i <= rays_.size(); ++i) {
+      char* const entry = offsets.data() + i * sizeof(uint32_t);
+      uint32_t count;
+      std::memcpy(&count, entry, sizeof(count));
+      sum += count;
+      std::memcpy(entry, &sum, sizeof(sum));
+    }
+    for (v1::HitBatch& part : parts) {
+      AppendColumns(part, reply);
+      part.Clear();
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  // Decodes and traces the pieces of the batch by trace(first, rays). Returns the first failure.
+  template <typename Trace>
+  absl::Status ForPieces(size_t piece_rays, const Trace& trace) {
+    FirstFailure failure;
+    Tracer::ForPieces(rays_.size(), piece_rays, [&](size_t first, size_t last) {
+      if (!failure.Matters(first)) return;
+      absl::Status status = CatchExceptions([&]() -> absl::Status {
+        if (cancelled_()) return absl::CancelledError("cancelled");
+        std::array<Ray, kPieceRays> rays;
+        const auto piece = std::span(rays).first(last - first);
+        if (absl::Status decoded = rays_.Decode(first, piece); !decoded.ok()) return decoded;
+        return trace(first, std::span<const Ray>(piece));
+      });
+      if (!status.ok()) failure.Note(first, std::move(status));
+    });
+    return failure.status();
+  }
+
+  // Most rows that the reply can hold: by its bytes, and by the offsets, which are uint32.
+  uint64_t MaxHits() const {
+    const uint64_t fixed = rays_.size() * BytesPerRay(query_) + kOverheadBytes;
+    const uint64_t bytes = std::max(BytesPerHit(query_), uint64_t{1});
+    return std::min<uint64_t>((limits_.max_message_bytes - fixed) / bytes, UINT32_MAX);
+  }
+
+  // Replaces the counts of rays that were stopped by max_hits_per_ray by the number of all triangles that they hit.
+  void CountBeyondCap(std::span<const Ray> rays, std::span<uint32_t> counts) const {
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (counts[i] < query_.options.max_hits_per_ray) continue;
+      tree_.CountHits(rays.subspan(i, 1), query_.options, counts.subspan(i, 1));
+    }
+  }
+
+  const TriangleMesh& mesh_;
+  const Tree& tree_;
+  const BatchQuery& query_;
+  const RayBatchView& rays_;
+  const BatchLimits& limits_;
+  const std::function<bool()>& cancelled_;
+};
+
+}  // namespace
+
+bool IsSmall(const BatchQuery& query, size_t bytes) {
+  // One ray of ALL_HITS may have more work than all others of a small batch.
+  return query.kind != v1::QUERY_KIND_ALL_HITS &&
+         bytes <= kSmallBatchRays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
+}
+
+absl::StatusOr<v1::HitBatch> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+                                         const v1::RayBatch& batch, const BatchLimits& limits,
+                                         const std::function<bool()>& cancelled) {
+  absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, snapshot.mesh->origin, limits.max_rays);
+  if (!rays.ok()) return rays.status();
+  if (rays->size() * BytesPerRay(query) + kOverheadBytes > limits.max_message_bytes) {
+    return ReplyTooLarge(limits.max_message_bytes);
+  }
+
+  v1::HitBatch reply;
+  reply.set_ray_count(static_cast<uint32_t>(rays->size()));
+  reply.set_accuracy(static_cast<v1::AccuracyLevel>(snapshot.tree->answered_accuracy(query.options.accuracy)));
+  reply.set_final_tree(snapshot.final);
+  Answering answering(snapshot, query, *rays, limits, cancelled);
+  const absl::Status status =
+      query.kind == v1::QUERY_KIND_ALL_HITS ? answering.TraceAllHits(&reply) : answering.TraceRows(&reply);
+  if (!status.ok()) return status;
+  return reply;
+}
+
+}  // namespace deltaray

@@ -1,0 +1,36 @@
+// From a batch of rays to its reply.
+
+#ifndef SERVER_SERVICE_BATCH_ANSWER_H_
+#define SERVER_SERVICE_BATCH_ANSWER_H_
+
+#include <cstdint>
+#include <functional>
+
+#include "absl/status/statusor.h"
+#include "deltaray/v1/ray_service.pb.h"
+#include "server/build/build.h"
+#include "server/service/batch_query.h"
+
+namespace deltaray {
+
+struct BatchLimits {
+  uint32_t max_rays = 1'048'576;
+  uint64_t max_message_bytes = uint64_t{64} << 20;
+};
+
+// Whether a batch, in a message of `bytes`, is so small that it may be answered within a reaction of gRPC. All others
+// must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
+bool IsSmall(const BatchQuery& query, size_t bytes);
+
+// Answers a batch: decodes, traces and writes columns piece by piece, spread over the arena of the calling thread.
+//
+// INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the
+// message limit; replies of a known size are refused before any ray is traced, ALL_HITS as soon as the hits so far are
+// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece.
+absl::StatusOr<v1::HitBatch> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+                                         const v1::RayBatch& batch, const BatchLimits& limits,
+                                         const std::function<bool()>& cancelled);
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_BATCH_ANSWER_H_

@@ -1,0 +1,47 @@
+#include "server/service/batch_job.h"
+
+#include <thread>
+#include <utility>
+
+#include "server/service/rpc_status.h"
+
+namespace deltaray {
+namespace {
+
+void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
+  BatchJob::Answer answer;
+  const absl::Status status = CatchExceptions([&] {
+    absl::StatusOr<v1::HitBatch> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, job.cancelled);
+    if (!hits.ok()) return hits.status();
+    backend.store->NoteAnswer(tree);
+    answer = {tree.id, *std::move(hits)};
+    return absl::OkStatus();
+  });
+  if (status.ok()) {
+    job.done(std::move(answer));
+  } else {
+    job.done(status);
+  }
+}
+
+}  // namespace
+
+void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
+  const auto on_tree = [backend, job, caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
+    if (!tree.ok()) {
+      job->done(tree.status());
+    } else if (std::this_thread::get_id() == caller) {
+      Trace(backend, *job, *tree);
+    } else {
+      // A thread of a build, which must not be held up.
+      backend.tracer->Enqueue([backend, job, tree = *std::move(tree)] { Trace(backend, *job, tree); });
+    }
+  };
+  const absl::Status status = CatchExceptions([&] {
+    backend.store->WithTree(job->mesh, job->query.wait_final, on_tree);
+    return absl::OkStatus();
+  });
+  if (!status.ok()) job->done(status);
+}
+
+}  // namespace deltaray

@@ -1,0 +1,50 @@
+// One batch on its way from the request to its reply.
+
+#ifndef SERVER_SERVICE_BATCH_JOB_H_
+#define SERVER_SERVICE_BATCH_JOB_H_
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "deltaray/v1/ray_service.pb.h"
+#include "server/service/batch_answer.h"
+#include "server/service/batch_query.h"
+#include "server/service/tracer.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+// What answers batches; all of it outlives every call.
+struct RayBackend {
+  MeshStore* store;
+  Tracer* tracer;
+  BatchLimits limits;
+};
+
+struct BatchJob {
+  struct Answer {
+    std::string mesh_id;
+    v1::HitBatch hits;
+  };
+
+  std::string mesh;  // id or name
+  BatchQuery query;
+  v1::RayBatch rays;
+  // Whether the answer is not wanted any more. Asked from any thread.
+  std::function<bool()> cancelled;
+  // Called from any thread, with no lock held; not at all where the server ends first. Must not throw. All calls but
+  // the first one are to be ignored.
+  std::function<void(absl::StatusOr<Answer>)> done;
+};
+
+// Answers the batch from the best tree that there is, or as soon as there is one.
+//
+// Where a tree is there already, traces on the calling thread: that must be a thread of the tracer, unless
+// IsSmall. Must not be called with a lock held that job->done takes.
+void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job);
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_BATCH_JOB_H_

@@ -1,0 +1,130 @@
+#include "server/service/mesh_handlers.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "server/service/mesh_messages.h"
+#include "server/service/unary_call.h"
+#include "server/service/watch_call.h"
+#include "spdlog/spdlog.h"
+
+namespace deltaray {
+namespace {
+
+constexpr uint32_t kDefaultPageSize = 100;
+constexpr uint32_t kMaxPageSize = 1000;
+
+// A page token is the id of the last mesh of the page before.
+bool IsPageToken(const std::string& token) {
+  return token.size() == 64 && std::all_of(token.begin(), token.end(),
+                                           [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+}
+
+}  // namespace
+
+grpc::ServerReadReactor<grpc::ByteBuffer>* MeshHandlers::UploadMesh(grpc::CallbackServerContext*,
+                                                                    grpc::ByteBuffer* response) {
+  return UploadCall::Start(calls_, backend_, response);
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::GetMeshRequest, v1::GetMeshResponse>(
+      calls_, nullptr, request, response,
+      [store = backend_.store](const v1::GetMeshRequest& get) -> absl::StatusOr<v1::GetMeshResponse> {
+        absl::StatusOr<MeshInfo> info = store->Get(get.mesh());
+        if (!info.ok()) return info.status();
+        v1::GetMeshResponse reply;
+        *reply.mutable_mesh() = ToMessage(*info);
+        return reply;
+      });
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                   grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::ListMeshesRequest, v1::ListMeshesResponse>(
+      calls_, nullptr, request, response,
+      [store = backend_.store](const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
+        if (!list.page_token().empty() && !IsPageToken(list.page_token())) {
+          return absl::InvalidArgumentError("page_token: not one that this service gave out");
+        }
+        const uint32_t size = list.page_size() == 0 ? kDefaultPageSize : std::min(list.page_size(), kMaxPageSize);
+        // One more than asked for tells whether there is a next page.
+        std::vector<MeshInfo> meshes = store->List(list.page_token(), size + 1);
+        v1::ListMeshesResponse reply;
+        for (size_t i = 0; i < std::min<size_t>(meshes.size(), size); ++i) *reply.add_meshes() = ToMessage(meshes[i]);
+        if (meshes.size() > size) reply.set_next_page_token(meshes[size - 1].id);
+        return reply;
+      });
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                 grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::NameMeshRequest, v1::NameMeshResponse>(
+      calls_, backend_.disk, request, response,
+      [store = backend_.store](const v1::NameMeshRequest& name) -> absl::StatusOr<v1::NameMeshResponse> {
+        if (absl::Status status = ValidateMeshName(name.name()); !status.ok()) {
+          return absl::Status(status.code(), absl::StrCat("name: ", status.message()));
+        }
+        absl::StatusOr<std::string> previous = store->Name(name.name(), name.mesh());
+        if (!previous.ok()) return previous.status();
+        v1::NameMeshResponse reply;
+        reply.set_previous_id(*std::move(previous));
+        return reply;
+      });
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                   grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
+      calls_, backend_.disk, request, response,
+      [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
+        absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
+        if (!id.ok()) return id.status();
+        spdlog::info("deleted {}", *id);
+        v1::DeleteMeshResponse reply;
+        reply.set_id(*std::move(id));
+        return reply;
+      });
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                    grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
+      calls_, backend_.disk, request, response,
+      [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
+        absl::StatusOr<Config> config = ReadBuildOptions(rebuild.build_options());
+        if (!config.ok()) return config.status();
+        absl::StatusOr<MeshInfo> info = store->Rebuild(rebuild.mesh(), *config);
+        if (!info.ok()) return info.status();
+        v1::RebuildMeshResponse reply;
+        *reply.mutable_mesh() = ToMessage(*info);
+        return reply;
+      });
+}
+
+grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::CallbackServerContext*,
+                                                                     const grpc::ByteBuffer* request) {
+  return WatchCall::Start(calls_, backend_.store, request);
+}
+
+grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                      grpc::ByteBuffer* response) {
+  return AnswerUnary<v1::GetBuildStatsRequest, v1::GetBuildStatsResponse>(
+      calls_, nullptr, request, response,
+      [store = backend_.store](const v1::GetBuildStatsRequest& stats) -> absl::StatusOr<v1::GetBuildStatsResponse> {
+        absl::StatusOr<MeshInfo> info = store->Get(stats.mesh());
+        if (!info.ok()) return info.status();
+        absl::StatusOr<StoredStatistics> statistics = store->Statistics(info->id);
+        if (!statistics.ok()) return statistics.status();
+        v1::GetBuildStatsResponse reply;
+        reply.set_id(info->id);
+        *reply.mutable_stats() = ToMessage(*statistics);
+        return reply;
+      });
+}
+
+}  // namespace deltaray

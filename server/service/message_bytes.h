@@ -1,0 +1,23 @@
+// Messages as the bytes that gRPC carries.
+//
+// The handlers take raw bytes and parse them here, since gRPC 1.51 answers a malformed unary request with UNIMPLEMENTED
+// and takes a malformed message of a stream for its end.
+
+#ifndef SERVER_SERVICE_MESSAGE_BYTES_H_
+#define SERVER_SERVICE_MESSAGE_BYTES_H_
+
+#include "absl/status/status.h"
+#include "google/protobuf/message_lite.h"
+#include "grpcpp/support/byte_buffer.h"
+
+namespace deltaray {
+
+// Parses `bytes` and lets go of them. INVALID_ARGUMENT where they are no such message.
+absl::Status ParseMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite* message);
+
+// REQUIRES: the message takes less than 2 GiB.
+grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message);
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_MESSAGE_BYTES_H_

@@ -1,0 +1,56 @@
+// The whole server: store, tracing threads, handlers and gRPC.
+
+#ifndef SERVER_SERVICE_SERVER_H_
+#define SERVER_SERVICE_SERVER_H_
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/service/batch_answer.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+struct ServerOptions {
+  // Where to listen, as gRPC writes it: host:port or unix:path. Port 0 picks a free one.
+  std::string listen = "127.0.0.1:7878";
+  MeshStore::Options store;
+  // Threads that trace. 0: all cores.
+  uint32_t threads = 0;
+  BatchLimits batch;
+  // Bytes that messages may take in gRPC before they are handed on, over all connections.
+  uint64_t network_bytes = uint64_t{1} << 30;
+  // RPCs at once on one connection.
+  uint32_t max_streams_per_connection = 256;
+  // How long Drain waits for the calls under way.
+  std::chrono::milliseconds drain_timeout{10'000};
+};
+
+// A running server. All methods are thread-safe.
+class Server {
+ public:
+  // Opens the store and listens. UNAVAILABLE where the address can not be had.
+  static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
+  // The same over a store that is open already.
+  static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, std::unique_ptr<MeshStore> store);
+
+  // Drains where Drain was not called, without waiting for calls under way.
+  virtual ~Server() = default;
+
+  // The port that it listens at; 0 for unix:path.
+  virtual int port() const = 0;
+  // Threads that trace.
+  virtual uint32_t threads() const = 0;
+
+  // Ends the server: health says NOT_SERVING, new calls are refused with UNAVAILABLE, batches under way are answered,
+  // uploads, watches and idle streams end with UNAVAILABLE. What is left after drain_timeout is cut off. Returns once
+  // no call is left. False: something was cut off.
+  virtual bool Drain() = 0;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_SERVER_H_

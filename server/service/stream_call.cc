@@ -1,0 +1,214 @@
+#include "server/service/stream_call.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/service/message_bytes.h"
+
+namespace deltaray {
+namespace {
+
+absl::Status Prefix(const absl::Status& status, const std::string& prefix) {
+  return status.ok() ? status : absl::Status(status.code(), absl::StrCat(prefix, status.message()));
+}
+
+}  // namespace
+
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RayBackend& backend,
+                                                                               grpc::CallbackServerContext* context) {
+  auto call = std::make_shared<StreamCall>(calls, backend, context);
+  call->weak_self_ = call;
+  if (Admit(call)) {
+    MutexLock lock(call->mutex_);
+    call->Advance();
+  }
+  return call.get();
+}
+
+void StreamCall::OnReadDone(bool ok) {
+  std::vector<BatchPointer> batches;
+  {
+    MutexLock lock(mutex_);
+    reading_ = false;
+    if (ok) {
+      TakeMessage(std::exchange(incoming_, grpc::ByteBuffer()));
+    } else {
+      reads_ended_ = true;
+    }
+    batches = Advance();
+  }
+  Work(batches);
+}
+
+void StreamCall::TakeMessage(grpc::ByteBuffer message) {
+  if (finished_ || draining_) return;
+  absl::Status status;
+  if (target_ == nullptr) {
+    status = CatchExceptions([&] {
+      absl::StatusOr<Target> target = ReadStart(std::move(message));
+      if (target.ok()) target_ = std::make_shared<const Target>(*std::move(target));
+      return target.status();
+    });
+    if (status.ok()) return;
+    reads_ended_ = true;
+  }
+  auto batch = std::make_shared<Batch>();
+  batch->number = batches_read_++;
+  batch->request = std::move(message);
+  batch->done = !status.ok();
+  batch->status = std::move(status);
+  line_.push_back(std::move(batch));
+}
+
+absl::StatusOr<StreamCall::Target> StreamCall::ReadStart(grpc::ByteBuffer message) const {
+  v1::StreamRaysRequest request;
+  if (absl::Status status = ParseMessage(std::move(message), &request); !status.ok()) return status;
+  if (!request.has_start()) return absl::InvalidArgumentError("the first message of the stream must hold start");
+  absl::StatusOr<BatchQuery> query = ReadQuery(request.start().query());
+  if (!query.ok()) return Prefix(query.status(), "start.");
+  absl::StatusOr<MeshInfo> mesh = backend_.store->Get(request.start().mesh());
+  if (!mesh.ok()) return Prefix(mesh.status(), "start.mesh: ");
+  return Target{mesh->id, *query};
+}
+
+void StreamCall::OnWriteDone(bool ok) {
+  std::vector<BatchPointer> batches;
+  {
+    MutexLock lock(mutex_);
+    writing_ = false;
+    outgoing_.Clear();
+    if (ok) {
+      ++batches_answered_;
+      batches = Advance();
+    } else {
+      FinishOnce(absl::CancelledError("the client has gone"));
+    }
+  }
+  Work(batches);
+}
+
+void StreamCall::OnDrain() {
+  MutexLock lock(mutex_);
+  draining_ = true;
+  // Starts nothing new to work on: all batches in line that can be in hand are.
+  Advance();
+}
+
+void StreamCall::BeforeFinish() { context_->AddTrailingMetadata("deltaray-batches", absl::StrCat(batches_answered_)); }
+
+std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
+  std::vector<BatchPointer> batches;
+  if (finished_) return batches;
+
+  // Write the reply that is next, or end the call with the failure that is next.
+  if (!writing_ && !line_.empty() && line_.front()->done) {
+    const BatchPointer batch = std::move(line_.front());
+    line_.pop_front();
+    if (!batch->status.ok()) {
+      FinishOnce(batch->status);
+      return batches;
+    }
+    outgoing_.Swap(&batch->reply);
+    writing_ = true;
+    StartWrite(&outgoing_);
+  }
+
+  // End the call where nothing is left to do.
+  if (!writing_ && line_.empty()) {
+    if (draining_) {
+      FinishOnce(DrainingError());
+    } else if (reads_ended_ && target_ == nullptr) {
+      FinishOnce(absl::InvalidArgumentError("the stream has no first message, which must hold start"));
+    } else if (reads_ended_) {
+      FinishOnce(absl::OkStatus());
+    }
+    if (finished_) return batches;
+  }
+
+  // Read on while there is room in line.
+  if (!reading_ && !reads_ended_ && !draining_ && line_.size() + (writing_ ? 1 : 0) < kReadAhead) {
+    reading_ = true;
+    StartRead(&incoming_);
+  }
+
+  // Take the first in line in hand.
+  for (size_t i = 0; i < std::min(line_.size(), kInHand); ++i) {
+    if (line_[i]->in_hand || line_[i]->done) continue;
+    line_[i]->in_hand = true;
+    batches.push_back(line_[i]);
+  }
+  return batches;
+}
+
+void StreamCall::Work(const std::vector<BatchPointer>& batches) {
+  for (const BatchPointer& batch : batches) {
+    const auto self = weak_self_.lock();
+    const absl::Status status = CatchExceptions([&] {
+      std::shared_ptr<const Target> target;
+      {
+        MutexLock lock(mutex_);
+        target = target_;
+      }
+      if (IsSmall(target->query, batch->request.Length())) {
+        Answer(batch);
+      } else {
+        backend_.tracer->Enqueue([self, batch] { self->Answer(batch); });
+      }
+      return absl::OkStatus();
+    });
+    if (!status.ok()) Complete(batch, status, {});
+  }
+}
+
+void StreamCall::Answer(const BatchPointer& batch) {
+  const std::string where = absl::StrCat("batch ", batch->number, ": ");
+  const absl::Status status = CatchExceptions([&]() -> absl::Status {
+    v1::StreamRaysRequest request;
+    absl::Status parsed = ParseMessage(std::exchange(batch->request, grpc::ByteBuffer()), &request);
+    if (!parsed.ok()) return parsed;
+    if (!request.has_rays()) {
+      return absl::InvalidArgumentError("all messages of the stream but the first one must hold rays");
+    }
+    auto job = std::make_shared<BatchJob>();
+    {
+      MutexLock lock(mutex_);
+      job->mesh = target_->mesh_id;
+      job->query = target_->query;
+    }
+    job->rays.Swap(request.mutable_rays());
+    const auto self = weak_self_.lock();
+    job->cancelled = [self] { return self->cancelled(); };
+    job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {
+      grpc::ByteBuffer reply;
+      const absl::Status status = CatchExceptions([&] {
+        if (!answer.ok()) return answer.status();
+        v1::StreamRaysResponse response;
+        response.set_batch_number(batch->number);
+        response.mutable_hits()->Swap(&answer->hits);
+        response.set_mesh_id(answer->mesh_id);
+        reply = SerializeMessage(response);
+        return absl::OkStatus();
+      });
+      self->Complete(batch, Prefix(status, where), std::move(reply));
+    };
+    RunBatch(backend_, std::move(job));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) Complete(batch, Prefix(status, where), {});
+}
+
+void StreamCall::Complete(const BatchPointer& batch, const absl::Status& status, grpc::ByteBuffer reply) {
+  std::vector<BatchPointer> batches;
+  {
+    MutexLock lock(mutex_);
+    if (batch->done) return;
+    batch->done = true;
+    batch->status = status;
+    batch->reply.Swap(&reply);
+    batches = Advance();
+  }
+  Work(batches);
+}
+
+}  // namespace deltaray

@@ -1,0 +1,94 @@
+// One call of RayService.StreamRays.
+
+#ifndef SERVER_SERVICE_STREAM_CALL_H_
+#define SERVER_SERVICE_STREAM_CALL_H_
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "grpcpp/server_context.h"
+#include "grpcpp/support/byte_buffer.h"
+#include "grpcpp/support/server_callback.h"
+#include "server/service/batch_job.h"
+#include "server/service/call_reactor.h"
+
+namespace deltaray {
+
+// Answers the batches of a stream in order, with bounded read-ahead.
+//
+// A batch that was read waits in line until its reply has been handed to gRPC and taken by it. At most kReadAhead
+// batches are in line, and no more is read while they are: gRPC's flow control then stops the client, and the memory
+// of a stream is bounded by kReadAhead requests and replies. The first kInHand batches in line are worked on, so that
+// one is parsed or written while another is traced. Only the reply of the first batch in line is ever written, and
+// only while no other write is under way. A failure takes its place in line: replies to the batches before it are sent
+// first, and then the status.
+class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>> {
+ public:
+  static constexpr size_t kReadAhead = 4;
+  static constexpr size_t kInHand = 2;
+
+  // Takes over a call: the reactor to give to gRPC. `context` belongs to gRPC.
+  static grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Start(Calls* calls, const RayBackend& backend,
+                                                                            grpc::CallbackServerContext* context);
+
+  StreamCall(Calls* calls, const RayBackend& backend, grpc::CallbackServerContext* context)
+      : CallReactor(calls), backend_(backend), context_(context) {}
+
+ private:
+  // A batch in line.
+  struct Batch {
+    uint64_t number = 0;
+    grpc::ByteBuffer request;
+    bool in_hand = false;
+    // Once done:
+    bool done = false;
+    absl::Status status;
+    grpc::ByteBuffer reply;
+  };
+  // What the first message asked for.
+  struct Target {
+    std::string mesh_id;
+    BatchQuery query;
+  };
+  using BatchPointer = std::shared_ptr<Batch>;
+
+  void OnReadDone(bool ok) override;
+  void OnWriteDone(bool ok) override;
+  void OnDrain() override;
+  void BeforeFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  // Reads the first message.
+  absl::StatusOr<Target> ReadStart(grpc::ByteBuffer message) const;
+  // Puts what was read in line.
+  void TakeMessage(grpc::ByteBuffer message) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Starts whatever can be started now: a write, a read, the end of the call. Returns the batches to work on, to be
+  // given to Work without the lock.
+  std::vector<BatchPointer> Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Work(const std::vector<BatchPointer>& batches) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Parses, traces and writes the reply of one batch. May end later, on another thread.
+  void Answer(const BatchPointer& batch) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Complete(const BatchPointer& batch, const absl::Status& status, grpc::ByteBuffer reply)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+
+  const RayBackend backend_;
+  grpc::CallbackServerContext* const context_;
+  std::weak_ptr<StreamCall> weak_self_;
+
+  grpc::ByteBuffer incoming_;  // gRPC's while reading_
+  grpc::ByteBuffer outgoing_;  // gRPC's while writing_
+  bool reading_ ABSL_GUARDED_BY(mutex_) = false;
+  bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reads_ended_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more will be read
+  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  std::shared_ptr<const Target> target_ ABSL_GUARDED_BY(mutex_);  // nullptr until the first message was read
+  std::deque<BatchPointer> line_ ABSL_GUARDED_BY(mutex_);
+  uint64_t batches_read_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t batches_answered_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_STREAM_CALL_H_

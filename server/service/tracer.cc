@@ -1,0 +1,60 @@
+#include "server/service/tracer.h"
+
+#include <algorithm>
+#include <memory>
+#include <thread>
+#include <utility>
+
+#include "oneapi/tbb/blocked_range.h"
+#include "oneapi/tbb/parallel_for.h"
+
+namespace deltaray {
+namespace {
+
+uint32_t Cores() { return std::max(1u, std::thread::hardware_concurrency()); }
+
+}  // namespace
+
+Tracer::Tracer(uint32_t threads)
+    : threads_(threads == 0 ? Cores() : threads),
+      workers_(tbb::global_control::max_allowed_parallelism, std::max(threads_, Cores()) + 1),
+      arena_(static_cast<int>(threads_), 0, tbb::task_arena::priority::high) {}
+
+Tracer::~Tracer() { Stop(); }
+
+void Tracer::Enqueue(std::function<void()> task) {
+  {
+    MutexLock lock(mutex_);
+    if (stopped_) return;
+    ++tasks_;
+  }
+  // Held by pointer, so that what the task holds is gone before Stop returns: TBB deletes the lambda some time later.
+  arena_.enqueue([this, task = std::make_shared<std::function<void()>>(std::move(task))] {
+    (*task)();
+    *task = nullptr;
+    MutexLock lock(mutex_);
+    if (--tasks_ == 0) idle_.notify_all();
+  });
+}
+
+void Tracer::Stop() {
+  MutexLock lock(mutex_);
+  stopped_ = true;
+  while (tasks_ != 0) idle_.wait(mutex_);
+}
+
+void Tracer::ForPieces(size_t size, size_t piece, const std::function<void(size_t, size_t)>& body) {
+  if (size <= piece) {
+    if (size != 0) body(0, size);
+    return;
+  }
+  const size_t pieces = (size + piece - 1) / piece;
+  tbb::parallel_for(
+      tbb::blocked_range<size_t>(0, pieces, 1),
+      [&](const tbb::blocked_range<size_t>& range) {
+        for (size_t i = range.begin(); i != range.end(); ++i) body(i * piece, std::min(size, (i + 1) * piece));
+      },
+      tbb::simple_partitioner());
+}
+
+}  // namespace deltaray

@@ -1,0 +1,49 @@
+// The threads that trace rays.
+
+#ifndef SERVER_SERVICE_TRACER_H_
+#define SERVER_SERVICE_TRACER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+
+#include "oneapi/tbb/global_control.h"
+#include "oneapi/tbb/task_arena.h"
+#include "server/build/mutex.h"
+
+namespace deltaray {
+
+// A TBB arena of its own, of higher priority than the arenas of builds. Thread-safe.
+class Tracer {
+ public:
+  // threads = 0: all cores.
+  explicit Tracer(uint32_t threads);
+  // Waits for all tasks.
+  ~Tracer();
+
+  // Runs `task` soon on a thread of the arena. It must not throw. After Stop nothing is run, and `task` is dropped.
+  void Enqueue(std::function<void()> task);
+
+  // Runs the tasks that are queued, waits for their end, and takes no more.
+  void Stop();
+
+  // Calls body(first, last) for pieces of [0, size), each `piece` long but the last one, and returns once all are done.
+  // On a thread of the arena the pieces are spread over its threads. Body must not throw.
+  static void ForPieces(size_t size, size_t piece, const std::function<void(size_t first, size_t last)>& body);
+
+  uint32_t threads() const { return threads_; }
+
+ private:
+  const uint32_t threads_;
+  // TBB makes one worker less than there are cores, for it counts on the calling thread to help; ours never does.
+  const tbb::global_control workers_;
+  tbb::task_arena arena_;
+  Mutex mutex_;
+  Condition idle_;
+  size_t tasks_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_TRACER_H_

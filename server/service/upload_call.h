@@ -1,0 +1,61 @@
+// One call of MeshService.UploadMesh.
+
+#ifndef SERVER_SERVICE_UPLOAD_CALL_H_
+#define SERVER_SERVICE_UPLOAD_CALL_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "grpcpp/support/byte_buffer.h"
+#include "grpcpp/support/server_callback.h"
+#include "server/service/call_reactor.h"
+#include "server/service/worker_pool.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+// What takes uploads; all of it outlives every call.
+struct UploadBackend {
+  MeshStore* store;
+  WorkerPool* disk;     // writes chunks
+  WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
+  uint64_t max_upload_bytes;
+  MeshLimits mesh_limits;
+};
+
+// Takes the messages one at a time: the next one is read once the one before is written. A message of a cancelled
+// upload never becomes a mesh.
+class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBuffer>> {
+ public:
+  // Takes over a call: the reactor to give to gRPC. `response` belongs to gRPC.
+  static grpc::ServerReadReactor<grpc::ByteBuffer>* Start(Calls* calls, const UploadBackend& backend,
+                                                          grpc::ByteBuffer* response);
+
+  UploadCall(Calls* calls, const UploadBackend& backend, grpc::ByteBuffer* response)
+      : CallReactor(calls), backend_(backend), response_(response) {}
+
+ private:
+  void OnReadDone(bool ok) override;
+  void OnSendInitialMetadataDone(bool ok) override;
+  void OnDrain() override;
+
+  // Runs `step`, which returns absl::Status, on `pool`, and finishes the call where it fails.
+  template <typename Step>
+  void RunStep(WorkerPool* pool, Step step);
+  absl::Status TakeMessage();
+  absl::Status Commit();
+
+  const UploadBackend backend_;
+  grpc::ByteBuffer* const response_;
+  std::weak_ptr<UploadCall> weak_self_;
+
+  // Used by one step or reaction at a time; the reactions come in turns, and mutex_ is taken in between.
+  grpc::ByteBuffer incoming_;
+  uint64_t messages_ = 0;
+  Upload::CommitOptions options_;
+  std::unique_ptr<Upload> upload_;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_UPLOAD_CALL_H_

@@ -1,0 +1,104 @@
+#include "server/service/watch_call.h"
+
+#include <chrono>
+#include <utility>
+
+#include "google/protobuf/util/message_differencer.h"
+#include "server/service/mesh_messages.h"
+#include "server/service/message_bytes.h"
+
+namespace deltaray {
+namespace {
+constexpr std::chrono::milliseconds kInterval{100};
+}  // namespace
+
+grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, MeshStore* store,
+                                                             const grpc::ByteBuffer* request) {
+  auto call = std::make_shared<WatchCall>(calls, store);
+  call->weak_self_ = call;
+  if (Admit(call)) {
+    MutexLock lock(call->mutex_);
+    const absl::Status status = CatchExceptions([&] { return call->Resolve(*request); });
+    if (status.ok()) {
+      call->Look();
+    } else {
+      call->FinishOnce(status);
+    }
+  }
+  return call.get();
+}
+
+absl::Status WatchCall::Resolve(const grpc::ByteBuffer& request) {
+  v1::WatchBuildRequest message;
+  if (absl::Status status = ParseMessage(request, &message); !status.ok()) return status;
+  // By id from here on: the name may move.
+  absl::StatusOr<MeshInfo> mesh = store_->Get(message.mesh());
+  if (mesh.ok()) id_ = mesh->id;
+  return mesh.status();
+}
+
+void WatchCall::Look() {
+  if (finished_) return;
+  const absl::Status status = CatchExceptions([&] { return Report(); });
+  if (!status.ok()) FinishOnce(status);
+  if (finished_) return;
+  // An alarm can not be set anew from within its own callback.
+  alarm_ = std::make_unique<grpc::Alarm>();
+  alarm_->Set(std::chrono::system_clock::now() + kInterval, [self = weak_self_.lock()](bool) {
+    MutexLock lock(self->mutex_);
+    self->Look();
+  });
+}
+
+absl::Status WatchCall::Report() {
+  absl::StatusOr<BuildReport> report = store_->Watch(id_);
+  if (!report.ok()) return report.status();
+  if (writing_) return absl::OkStatus();
+
+  v1::WatchBuildResponse response;
+  response.set_id(id_);
+  *response.mutable_progress() = ToMessage(*report);
+  v1::BuildProgress progress = response.progress();
+  progress.clear_elapsed_seconds();
+  const bool changed = !reported_ || !google::protobuf::util::MessageDifferencer::Equals(progress, last_);
+  const bool over = IsOver(*report);
+  if (!changed && !over) return absl::OkStatus();
+  if (!changed) {
+    FinishOnce(absl::OkStatus());
+    return absl::OkStatus();
+  }
+
+  last_ = std::move(progress);
+  reported_ = true;
+  outgoing_ = SerializeMessage(response);
+  if (over) {
+    finished_ = true;
+    StartWriteAndFinish(&outgoing_, grpc::WriteOptions(), grpc::Status::OK);
+  } else {
+    writing_ = true;
+    StartWrite(&outgoing_);
+  }
+  return absl::OkStatus();
+}
+
+bool WatchCall::IsOver(const BuildReport& report) {
+  if (report.state == MeshState::kReady || report.state == MeshState::kFailed) return true;
+  if (report.state != MeshState::kProvisional) return false;
+  const absl::StatusOr<MeshInfo> mesh = store_->Get(id_);
+  return mesh.ok() && mesh->config.lazy;
+}
+
+void WatchCall::OnWriteDone(bool ok) {
+  MutexLock lock(mutex_);
+  writing_ = false;
+  if (!ok) FinishOnce(absl::CancelledError("the client has gone"));
+  if (draining_) FinishOnce(DrainingError());
+}
+
+void WatchCall::OnDrain() {
+  MutexLock lock(mutex_);
+  draining_ = true;
+  if (!writing_) FinishOnce(DrainingError());
+}
+
+}  // namespace deltaray

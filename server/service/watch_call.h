@@ -1,0 +1,52 @@
+// One call of MeshService.WatchBuild.
+
+#ifndef SERVER_SERVICE_WATCH_CALL_H_
+#define SERVER_SERVICE_WATCH_CALL_H_
+
+#include <memory>
+#include <string>
+
+#include "deltaray/v1/mesh_service.pb.h"
+#include "grpcpp/alarm.h"
+#include "grpcpp/support/byte_buffer.h"
+#include "grpcpp/support/server_callback.h"
+#include "server/service/call_reactor.h"
+#include "server/store/mesh_store.h"
+
+namespace deltaray {
+
+// Looks at the build ten times a second, and writes what has changed since the last report. A client that takes its
+// reports slowly gets fewer, never old ones.
+class WatchCall final : public CallReactor<grpc::ServerWriteReactor<grpc::ByteBuffer>> {
+ public:
+  // Takes over a call: the reactor to give to gRPC.
+  static grpc::ServerWriteReactor<grpc::ByteBuffer>* Start(Calls* calls, MeshStore* store,
+                                                           const grpc::ByteBuffer* request);
+
+  WatchCall(Calls* calls, MeshStore* store) : CallReactor(calls), store_(store) {}
+
+ private:
+  void OnWriteDone(bool ok) override;
+  void OnDrain() override;
+
+  absl::Status Resolve(const grpc::ByteBuffer& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Looks at the build, and sets the alarm for the next look.
+  void Look() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status Report() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Whether a build in this state needs no further report.
+  bool IsOver(const BuildReport& report) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  MeshStore* const store_;
+  std::weak_ptr<WatchCall> weak_self_;
+  std::string id_ ABSL_GUARDED_BY(mutex_);
+  grpc::ByteBuffer outgoing_;                       // gRPC's while writing_
+  v1::BuildProgress last_ ABSL_GUARDED_BY(mutex_);  // without elapsed_seconds
+  bool reported_ ABSL_GUARDED_BY(mutex_) = false;
+  bool writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_SERVICE_WATCH_CALL_H_
