@@ -1,0 +1,67 @@
+#include "client/connection.h"
+
+#include <chrono>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "client/exit_code.h"
+#include "grpcpp/create_channel.h"
+#include "grpcpp/security/credentials.h"
+#include "grpcpp/support/channel_arguments.h"
+
+namespace deltaray {
+namespace {
+
+// The contract's limit of a message.
+constexpr int kMaxMessageBytes = 64 << 20;
+
+// How long a stop of the program may go unnoticed while connecting.
+constexpr std::chrono::milliseconds kPollInterval(100);
+
+std::chrono::system_clock::time_point After(double seconds) {
+  return std::chrono::system_clock::now() + std::chrono::milliseconds(static_cast<int64_t>(seconds * 1000));
+}
+
+absl::Status Unreachable(const Session& session, absl::string_view reason) {
+  return FromRpc(grpc::Status(grpc::StatusCode::UNAVAILABLE,
+                              absl::StrCat("cannot reach deltarayd at ", session.server, ": ", reason)));
+}
+
+}  // namespace
+
+Connection::Connection(const Session& session, std::shared_ptr<grpc::Channel> channel)
+    : session_(&session), meshes_(v1::MeshService::NewStub(channel)), rays_(v1::RayService::NewStub(channel)) {}
+
+absl::StatusOr<Connection> Connection::Open(const Session& session) {
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(kMaxMessageBytes);
+  arguments.SetUserAgentPrefix("deltaray");
+  auto channel = grpc::CreateCustomChannel(session.server, grpc::InsecureChannelCredentials(), arguments);
+
+  // Connect before the first RPC, so that "nobody is there" is told apart from an UNAVAILABLE that a server answers.
+  const auto deadline = After(session.timeout_seconds);
+  while (true) {
+    const grpc_connectivity_state state = channel->GetState(/*try_to_connect=*/true);
+    if (state == GRPC_CHANNEL_READY) break;
+    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) return Unreachable(session, "no server answers there");
+    if (session.stop.fired()) return Interrupted();
+    const auto now = std::chrono::system_clock::now();
+    if (now >= deadline) return Unreachable(session, absl::StrCat("no answer within ", session.timeout_seconds, " s"));
+    channel->WaitForStateChange(state, std::min(deadline, now + kPollInterval));
+  }
+  return Connection(session, std::move(channel));
+}
+
+absl::Status Connection::Call(absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
+  grpc::ClientContext context;
+  context.set_deadline(After(session_->timeout_seconds));
+  const StopSignal::Scope scope(session_->stop, context);
+  return Result(call(&context));
+}
+
+absl::Status Connection::Result(const grpc::Status& status) {
+  if (status.error_code() == grpc::StatusCode::CANCELLED && stop().fired()) return Interrupted();
+  return FromRpc(status);
+}
+
+}  // namespace deltaray

@@ -1,0 +1,36 @@
+// Options that take one of a few names.
+
+#ifndef CLIENT_NAMED_OPTION_H_
+#define CLIENT_NAMED_OPTION_H_
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "CLI/App.hpp"
+#include "absl/strings/str_join.h"
+
+namespace deltaray {
+
+// Names and what they stand for, in the order that --help shows them.
+template <typename Value>
+using NamedValues = std::vector<std::pair<std::string, Value>>;
+
+// Adds an option that takes one of the names and hands its value to `set`.
+template <typename Value, typename Set>
+CLI::Option* AddNamedOption(CLI::App& command, const std::string& option, const NamedValues<Value>& values, Set set,
+                            const std::string& help) {
+  const auto parse = [values, set, option](const std::string& text) {
+    for (const auto& [name, value] : values) {
+      if (name == text) return set(value);
+    }
+    throw CLI::ValidationError(option, "'" + text + "' is not one of its values; see --help");
+  };
+  const std::string names =
+      absl::StrJoin(values, "|", [](std::string* joined, const auto& named) { *joined += named.first; });
+  return command.add_option_function<std::string>(option, parse, help)->type_name(names);
+}
+
+}  // namespace deltaray
+
+#endif  // CLIENT_NAMED_OPTION_H_

@@ -1,0 +1,22 @@
+// Writing to standard output, or to a file, with errors told apart.
+
+#ifndef CLIENT_OUTPUT_FILE_H_
+#define CLIENT_OUTPUT_FILE_H_
+
+#include <cstdio>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+
+namespace deltaray {
+
+// Writes and flushes. A reader that has gone gives OutputClosed(), all else a LocalError. `name` is for the text.
+absl::Status WriteOutput(std::FILE* file, absl::string_view data, absl::string_view name = "standard output");
+
+// Writes a whole file, over what was there before.
+absl::Status WriteWholeFile(const std::string& path, absl::string_view data);
+
+}  // namespace deltaray
+
+#endif  // CLIENT_OUTPUT_FILE_H_

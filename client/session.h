@@ -1,0 +1,31 @@
+// What a command runs with: its streams, the server's address, and the switch that stops it.
+
+#ifndef CLIENT_SESSION_H_
+#define CLIENT_SESSION_H_
+
+#include <cstdio>
+#include <string>
+
+#include "client/stop_signal.h"
+
+namespace deltaray {
+
+struct Session {
+  // Standard input, read when a file is given as "-".
+  int input_fd;
+  // Data goes here.
+  std::FILE* output;
+  // Errors, progress and remarks go here.
+  std::FILE* messages;
+  // Whether to draw progress bars on `messages`: where it is a terminal.
+  bool show_progress;
+  StopSignal& stop;
+  // Address of the server in gRPC's syntax.
+  std::string server;
+  // Seconds that connecting may take, and each RPC that returns at once.
+  double timeout_seconds;
+};
+
+}  // namespace deltaray
+
+#endif  // CLIENT_SESSION_H_

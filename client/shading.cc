@@ -1,0 +1,106 @@
+#include "client/shading.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <span>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/exit_code.h"
+
+namespace deltaray {
+namespace {
+
+constexpr std::array<uint8_t, 3> kBackground = {24, 28, 38};
+// Lambert: brightness of a face turned away from the light, and how much the light adds.
+constexpr double kAmbient = 0.12;
+constexpr double kDiffuse = 0.85;
+
+// Linear light, 0 to 1, to sRGB.
+uint8_t ToSrgb(double linear) {
+  const double x = std::clamp(linear, 0.0, 1.0);
+  const double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+  return static_cast<uint8_t>(std::lround(255 * encoded));
+}
+
+double Dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+absl::Status BadColumn(absl::string_view name, size_t bytes, uint32_t rays) {
+  return LocalError(absl::StrCat("the server's reply has ", bytes, " bytes of ", name, " for ", rays, " rays"));
+}
+
+}  // namespace
+
+Shading::Shading(Shade shade, const Camera& camera, uint32_t width, uint32_t height)
+    : shade_(shade), camera_(camera), image_{width, height, {}} {
+  const size_t pixels = size_t{width} * height;
+  image_.rgb.resize(3 * pixels);
+  for (size_t i = 0; i < pixels; ++i) std::copy(kBackground.begin(), kBackground.end(), &image_.rgb[3 * i]);
+  if (shade == Shade::kDepth) depths_.resize(pixels, std::numeric_limits<float>::infinity());
+  // The light stands behind the top left corner of the picture: against the ray that goes to the opposite corner.
+  light_ = camera.Direction(width - 1, height - 1);
+  for (double& coordinate : light_) coordinate = -coordinate;
+}
+
+v1::HitColumn Shading::column() const { return shade_ == Shade::kDepth ? v1::HIT_COLUMN_T : v1::HIT_COLUMN_NORMAL; }
+
+absl::Status Shading::Add(const v1::HitBatch& hits) {
+  if (next_pixel_ + hits.ray_count() > image_.rgb.size() / 3) return LocalError("the server answered too many rays");
+  absl::Status status = shade_ == Shade::kDepth ? AddDepths(hits) : AddNormals(hits);
+  next_pixel_ += hits.ray_count();
+  return status;
+}
+
+absl::Status Shading::AddDepths(const v1::HitBatch& hits) {
+  if (hits.t().size() != hits.ray_count() * sizeof(float)) return BadColumn("t", hits.t().size(), hits.ray_count());
+  const std::span depths = std::span(depths_).subspan(next_pixel_, hits.ray_count());
+  std::memcpy(depths.data(), hits.t().data(), hits.t().size());
+  hit_count_ += std::count_if(depths.begin(), depths.end(), [](float t) { return std::isfinite(t); });
+  return absl::OkStatus();
+}
+
+absl::Status Shading::AddNormals(const v1::HitBatch& hits) {
+  if (hits.normal().size() != hits.ray_count() * 3 * sizeof(float)) {
+    return BadColumn("normal", hits.normal().size(), hits.ray_count());
+  }
+  for (uint32_t i = 0; i < hits.ray_count(); ++i) {
+    std::array<float, 3> n;
+    std::memcpy(n.data(), hits.normal().data() + i * sizeof(n), sizeof(n));
+    if (n == std::array<float, 3>{}) continue;  // a miss: normals of hits have length 1
+    ++hit_count_;
+    const uint64_t pixel = next_pixel_ + i;
+    if (shade_ == Shade::kNormal) {
+      for (int c = 0; c < 3; ++c) image_.rgb[3 * pixel + c] = std::lround(255 * std::clamp(0.5 + 0.5 * n[c], 0.0, 1.0));
+      continue;
+    }
+    Vec3 normal = {n[0], n[1], n[2]};
+    const Vec3 ray = camera_.Direction(pixel % image_.width, pixel / image_.width);
+    if (Dot(normal, ray) > 0) normal = {-normal[0], -normal[1], -normal[2]};
+    const double light = kAmbient + kDiffuse * std::max(0.0, Dot(normal, light_));
+    std::fill_n(&image_.rgb[3 * pixel], 3, ToSrgb(light));
+  }
+  return absl::OkStatus();
+}
+
+Image Shading::Finish() {
+  if (shade_ != Shade::kDepth || hit_count_ == 0) return std::move(image_);
+  float nearest = std::numeric_limits<float>::infinity();
+  float farthest = -std::numeric_limits<float>::infinity();
+  for (const float t : depths_) {
+    if (!std::isfinite(t)) continue;
+    nearest = std::min(nearest, t);
+    farthest = std::max(farthest, t);
+  }
+  const float range = farthest > nearest ? farthest - nearest : 1;
+  for (size_t pixel = 0; pixel < depths_.size(); ++pixel) {
+    if (!std::isfinite(depths_[pixel])) continue;
+    const float part = (depths_[pixel] - nearest) / range;
+    std::fill_n(&image_.rgb[3 * pixel], 3, static_cast<uint8_t>(std::lround(240 - 180 * part)));
+  }
+  return std::move(image_);
+}
+
+}  // namespace deltaray

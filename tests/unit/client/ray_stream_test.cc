@@ -1,0 +1,169 @@
+#include "client/ray_stream.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstring>
+
+#include "client/exit_code.h"
+#include "client/input_file.h"
+#include "tests/unit/client/fake_server.h"
+#include "tests/unit/client/test_session.h"
+
+namespace deltaray {
+namespace {
+
+class RayStreamTest : public ::testing::Test {
+ protected:
+  RayStreamTest() : session_(server_.address()), connection_(Connection::Open(session_.session())) {
+    start_.mutable_query()->set_kind(v1::QUERY_KIND_CLOSEST_HIT);
+    start_.mutable_query()->add_columns(v1::HIT_COLUMN_T);
+  }
+
+  // Sends `batches` batches; batch i has i % 5 + 1 rays whose t is 1, 2, … over the whole stream. Counts the answers
+  // that are right.
+  absl::Status Stream(uint64_t batches) {
+    uint64_t sent = 0;
+    float next_sent = 1;
+    float next_expected = 1;
+    return StreamBatches(
+        *connection_, start_,
+        [&](OutgoingBatch& batch) {
+          if (sent == batches) return false;
+          batch.ray_count = sent++ % 5 + 1;
+          for (uint32_t i = 0; i < batch.ray_count; ++i) {
+            const float ray[] = {0, 0, next_sent++, 0, 0, -1};
+            batch.rays.mutable_rays()->append(reinterpret_cast<const char*>(ray), sizeof(ray));
+          }
+          return true;
+        },
+        [&](const v1::HitBatch& hits) {
+          for (uint32_t i = 0; i < hits.ray_count(); ++i) {
+            float t;
+            std::memcpy(&t, hits.t().data() + i * sizeof(t), sizeof(t));
+            right_ += t == next_expected++;
+          }
+          return absl::OkStatus();
+        });
+  }
+
+  FakeServer server_;
+  TestSession session_;
+  absl::StatusOr<Connection> connection_;
+  v1::StreamStart start_;
+  uint64_t right_ = 0;
+};
+
+TEST_F(RayStreamTest, AnswersFarMoreBatchesThanTheWindowInOrder) {
+  ASSERT_TRUE(Stream(500).ok());
+  EXPECT_EQ(right_, 100u * (1 + 2 + 3 + 4 + 5));
+}
+
+TEST_F(RayStreamTest, StreamWithoutBatchesIsFine) { EXPECT_TRUE(Stream(0).ok()); }
+
+TEST_F(RayStreamTest, ReturnsTheServersErrorInMidStream) {
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, "ray 3 is bad");
+  server_.behaviour.fail_at_batch = 20;
+  const absl::Status status = Stream(500);
+  EXPECT_EQ(ExitCode(status), 64 + 3);
+  EXPECT_EQ(status.message(), "ray 3 is bad");
+}
+
+// The server ends while the sender waits for input that never comes.
+TEST_F(RayStreamTest, ServersErrorWakesASenderThatWaitsForInput) {
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
+  server_.behaviour.fail_at_batch = 0;
+  int pipe_ends[2];
+  ASSERT_EQ(pipe(pipe_ends), 0);
+  session_.SetInputFd(pipe_ends[0]);
+  auto file = InputFile::Open("-", session_.session());
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [&](OutgoingBatch&) -> absl::StatusOr<bool> {
+        char byte;
+        const absl::StatusOr<size_t> count = file->Read(std::span(&byte, 1));
+        if (!count.ok()) return count.status();
+        return *count > 0;
+      },
+      [](const v1::HitBatch&) { return absl::OkStatus(); });
+  close(pipe_ends[1]);
+  EXPECT_EQ(ExitCode(status), 64 + 14);
+  EXPECT_EQ(status.message(), "draining");
+}
+
+TEST_F(RayStreamTest, ErrorOfTheInputEndsTheStream) {
+  int batches = 0;
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [&](OutgoingBatch& batch) -> absl::StatusOr<bool> {
+        if (++batches == 3) return LocalError("line 7 is bad");
+        batch.ray_count = 1;
+        batch.rays.set_rays(std::string(24, '\0'));
+        return true;
+      },
+      [](const v1::HitBatch&) { return absl::OkStatus(); });
+  EXPECT_EQ(status.message(), "line 7 is bad");
+  EXPECT_EQ(ExitCode(status), 1);
+}
+
+TEST_F(RayStreamTest, ErrorOfTheOutputEndsTheStream) {
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [](OutgoingBatch& batch) -> absl::StatusOr<bool> {  // without end
+        batch.ray_count = 1;
+        batch.rays.set_rays(std::string(24, '\0'));
+        return true;
+      },
+      [](const v1::HitBatch&) { return LocalError("disk full"); });
+  EXPECT_EQ(status.message(), "disk full");
+}
+
+TEST_F(RayStreamTest, StopEndsTheStream) {
+  int answered = 0;
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [](OutgoingBatch& batch) -> absl::StatusOr<bool> {
+        batch.ray_count = 1;
+        batch.rays.set_rays(std::string(24, '\0'));
+        return true;
+      },
+      [&](const v1::HitBatch&) {
+        if (++answered == 5) session_.stop.Fire();
+        return absl::OkStatus();
+      });
+  EXPECT_EQ(ExitCode(status), 65);
+  EXPECT_EQ(status.message(), "interrupted");
+}
+
+TEST_F(RayStreamTest, ChecksBatchNumbers) {
+  server_.behaviour.first_batch_number = 1;
+  EXPECT_EQ(Stream(3).message(), "the server's reply to batch 0 has the number 1");
+}
+
+TEST_F(RayStreamTest, ChecksTheServersCountOfBatches) {
+  server_.behaviour.extra_batches = 1;
+  EXPECT_EQ(Stream(3).message(), "the server counts 4 batches, but 3 were sent");
+}
+
+// An early end that gRPC reports as OK must not pass for success.
+TEST_F(RayStreamTest, EarlyEndWithOkIsAnError) {
+  server_.behaviour.fail_at_batch = 2;
+  const absl::Status status = Stream(3);
+  EXPECT_EQ(ExitCode(status), 1);
+}
+
+TEST_F(RayStreamTest, ChecksRayCounts) {
+  bool first = true;
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [&](OutgoingBatch& batch) -> absl::StatusOr<bool> {
+        batch.ray_count = 2;
+        batch.rays.set_rays(std::string(24, '\0'));
+        return std::exchange(first, false);
+      },
+      [](const v1::HitBatch&) { return absl::OkStatus(); });
+  EXPECT_EQ(status.message(), "the server's reply to batch 0 is for 1 rays, not 2");
+}
+
+}  // namespace
+}  // namespace deltaray
