@@ -28,9 +28,9 @@ struct Ray {
 
 // A hit, or a miss (the default).
 struct Hit {
-  // Exact t, rounded to nearest even.
+  // Exact t, rounded to nearest even; never -0.
   float t = std::numeric_limits<float>::infinity();
-  // Barycentric coordinates: the point is (1 - u - v) * v0 + u * v1 + v * v2. Within 2^-24 of the exact values.
+  // Barycentric coordinates: the point is (1 - u - v) * v0 + u * v1 + v * v2. Rounded as t is.
   float u = 0, v = 0;
   uint32_t primitive = kNoPrimitive;
   // Whether the back of the triangle was hit: the side from which the corners are seen in clockwise order.

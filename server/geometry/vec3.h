@@ -22,7 +22,7 @@ struct Vec3 {
   friend constexpr Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
   friend constexpr Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
   friend constexpr Vec3 operator*(T s, Vec3 a) { return {s * a.x, s * a.y, s * a.z}; }
-  friend constexpr bool operator==(Vec3 a, Vec3 b) = default;
+  friend bool operator==(const Vec3&, const Vec3&) = default;  // constexpr where T allows
 };
 
 using Vec3f = Vec3<float>;

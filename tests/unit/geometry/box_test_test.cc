@@ -77,7 +77,7 @@ TEST(BoxTestTest, AgreesWithRationalsOnGrids) {
   int hits = 0;
   for (const float unit : {1.0f, 0.1f, 0x1p-149f, 0x1p126f}) {
     Random random(21);
-    for (int i = 0; i < 1500 && !HasFailure(); ++i) {
+    for (int i = 0; i < 1000 && !HasFailure(); ++i) {
       SCOPED_TRACE(testing::Message() << "unit " << unit << ", case " << i);
       const Bounds box = BoxOf(OnGrid(random, unit), OnGrid(random, unit));  // many are flat
       Ray ray{.origin = OnGrid(random, unit), .direction = OnGrid(random, i % 2 == 0 ? 1 : unit)};
@@ -87,13 +87,13 @@ TEST(BoxTestTest, AgreesWithRationalsOnGrids) {
       hits += Check(ray, box);
     }
   }
-  EXPECT_GT(hits, 500);
+  EXPECT_GT(hits, 300);
 }
 
 TEST(BoxTestTest, AgreesWithRationalsAtCorners) {
   Random random(22);
   int hits = 0;
-  for (int i = 0; i < 4000 && !HasFailure(); ++i) {
+  for (int i = 0; i < 2000 && !HasFailure(); ++i) {
     SCOPED_TRACE(i);
     const double size = random.LogUniform(1e-20, 1e20);
     const auto in_box = [&](double scale) {
@@ -106,7 +106,7 @@ TEST(BoxTestTest, AgreesWithRationalsAtCorners) {
     const auto length = static_cast<float>(random.LogUniform(1e-10, 1e10));
     hits += Check({.origin = origin, .direction = length * static_cast<Vec3f>(aim - static_cast<Vec3d>(origin))}, box);
   }
-  EXPECT_GT(hits, 200);
+  EXPECT_GT(hits, 100);
 }
 
 TEST(BoxTestTest, LimitEndsTheIntervalInclusively) {
