@@ -11,10 +11,10 @@ bool IsExactInFloat(const Vec3d& v) { return static_cast<Vec3d>(static_cast<Vec3
 
 // The exact difference between the stored coordinate and the given one, rounded once.
 double Rounding(double given, double origin, float stored) {
-  // The difference and what rounding took off it [Knuth, TwoSum].
+  // The difference, and what rounding took off it [Knuth, TwoSum].
   const double difference = given - origin;
-  const double back = difference + origin;
-  const double lost = (given - back) - (origin - (back - difference));
+  const double taken = difference - given;
+  const double lost = (given - (difference - taken)) - (origin + taken);
   // The stored value is the nearest float to the difference, so that subtracting the two is exact.
   return std::abs((stored - difference) - lost);
 }
