@@ -81,7 +81,8 @@ TEST(OriginTest, RoundingIsExact) {
     const StoredPositions stored = StorePositions({{given, 0, 0}}, {origin, 0, 0});
     const boost::multiprecision::cpp_int exact = abs(Exact(origin) + Exact(stored.positions[0].x) - Exact(given));
     const boost::multiprecision::cpp_int reported = Exact(stored.max_rounding);
-    EXPECT_LE(boost::multiprecision::cpp_int(abs(exact - reported) << 52), exact) << round << " " << given << " " << origin;
+    EXPECT_LE(boost::multiprecision::cpp_int(abs(exact - reported) << 52), exact)
+        << round << " " << given << " " << origin;
   }
 }
 
