@@ -80,7 +80,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->transform(size)
       ->check(CLI::Range(1 << 16, 1 << 30));
   AddFlag(app, "Limits", "network-bytes", server.network_bytes,
-          "Bytes of messages on their way in, over all connections")
+          "Bytes of messages on their way in, over all connections; at least four messages")
       ->transform(size)
       ->check(CLI::Range(double{1 << 20}, 1e15));
   AddFlag(app, "Limits", "max-upload-bytes", server.store.max_upload_bytes, "Bytes of one uploaded file")
@@ -133,7 +133,7 @@ int Run(const Flags& flags) {
     return kFailure;
   }
   spdlog::info(
-      "deltarayd {} listens at {} (port {}): data directory {}, {} tracing threads, {} threads a build, {} builds at "
+      "deltarayd {} listens at {}, port {}: data directory {}, {} tracing threads, {} threads a build, {} builds at "
       "once, at most {} rays a batch, {} bytes a message, {} bytes an upload, {} triangles a mesh",
       DELTARAY_VERSION, options.listen, (*server)->port(), options.store.data_directory, (*server)->threads(),
       options.store.build_threads == 0 ? std::string("all") : absl::StrCat(options.store.build_threads),

@@ -1,5 +1,6 @@
 #include "server/service/batch_job.h"
 
+#include <atomic>
 #include <thread>
 #include <utility>
 
@@ -27,10 +28,13 @@ void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tr
 }  // namespace
 
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
-  const auto on_tree = [backend, job, caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
+  // Whether WithTree has returned: a thread of the tracer may come back later as one of a build.
+  const auto returned = std::make_shared<std::atomic<bool>>(false);
+  const auto on_tree = [backend, job, returned,
+                        caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
     if (!tree.ok()) {
       job->done(tree.status());
-    } else if (std::this_thread::get_id() == caller) {
+    } else if (std::this_thread::get_id() == caller && !*returned) {
       Trace(backend, *job, *tree);
     } else {
       // A thread of a build, which must not be held up.
@@ -39,6 +43,7 @@ void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   };
   const absl::Status status = CatchExceptions([&] {
     backend.store->WithTree(job->mesh, job->query.wait_final, on_tree);
+    *returned = true;
     return absl::OkStatus();
   });
   if (!status.ok()) job->done(status);

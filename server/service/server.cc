@@ -59,7 +59,8 @@ class GrpcServer final : public Server {
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
     // The limit on messages is looked at only once a message is in memory; this one holds before.
-    builder.SetResourceQuota(grpc::ResourceQuota("deltarayd").Resize(options_.network_bytes));
+    const uint64_t network_bytes = std::max(options_.network_bytes, 4 * options_.batch.max_message_bytes);
+    builder.SetResourceQuota(grpc::ResourceQuota("deltarayd").Resize(network_bytes));
     // Two servers at one port would share its clients at random.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options_.max_streams_per_connection));
@@ -93,7 +94,8 @@ class GrpcServer final : public Server {
     calls_.Drain();
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
-    server_->Shutdown(std::chrono::system_clock::now() + (all_ended ? std::min(timeout, kLastCalls) : kLastCalls * 0));
+    const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
+    server_->Shutdown(std::chrono::system_clock::now() + grace);
     return all_ended;
   }
 

@@ -21,7 +21,7 @@ struct ServerOptions {
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;
   BatchLimits batch;
-  // Bytes that messages may take in gRPC before they are handed on, over all connections.
+  // Bytes that messages may take in gRPC before they are handed on, over all connections; at least four messages.
   uint64_t network_bytes = uint64_t{1} << 30;
   // RPCs at once on one connection.
   uint32_t max_streams_per_connection = 256;

@@ -45,11 +45,13 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   if (finished_ || draining_) return;
   absl::Status status;
   if (target_ == nullptr) {
+    std::shared_ptr<const Target> read;
     status = CatchExceptions([&] {
       absl::StatusOr<Target> target = ReadStart(std::move(message));
-      if (target.ok()) target_ = std::make_shared<const Target>(*std::move(target));
+      if (target.ok()) read = std::make_shared<const Target>(*std::move(target));
       return target.status();
     });
+    target_ = std::move(read);
     if (status.ok()) return;
     reads_ended_ = true;
   }

@@ -18,7 +18,8 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, MeshS
   call->weak_self_ = call;
   if (Admit(call)) {
     MutexLock lock(call->mutex_);
-    const absl::Status status = CatchExceptions([&] { return call->Resolve(*request); });
+    const absl::Status status =
+        CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return call->Resolve(*request); });
     if (status.ok()) {
       call->Look();
     } else {
@@ -39,7 +40,7 @@ absl::Status WatchCall::Resolve(const grpc::ByteBuffer& request) {
 
 void WatchCall::Look() {
   if (finished_) return;
-  const absl::Status status = CatchExceptions([&] { return Report(); });
+  const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return Report(); });
   if (!status.ok()) FinishOnce(status);
   if (finished_) return;
   // An alarm can not be set anew from within its own callback.

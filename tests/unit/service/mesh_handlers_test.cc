@@ -1,0 +1,431 @@
+#include "server/service/mesh_handlers.h"
+
+#include <atomic>
+#include <set>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "openssl/sha.h"
+#include "tests/unit/service/meshes.h"
+#include "tests/unit/service/running_server.h"
+
+namespace deltaray {
+namespace {
+
+using grpc::StatusCode;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+std::string Sha256(const std::string& bytes) {
+  std::string digest(32, 0);
+  SHA256(reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(),
+         reinterpret_cast<unsigned char*>(digest.data()));
+  return digest;
+}
+
+class MeshHandlersTest : public RunningServer {
+ protected:
+  size_t MeshCount() {
+    grpc::ClientContext context;
+    v1::ListMeshesResponse list;
+    EXPECT_TRUE(meshes_->ListMeshes(&context, {}, &list).ok());
+    return list.meshes_size();
+  }
+
+  // The reports of a build up to its end.
+  grpc::Status WatchAll(const std::string& mesh, std::vector<v1::WatchBuildResponse>* reports) {
+    grpc::ClientContext context;
+    v1::WatchBuildRequest request;
+    request.set_mesh(mesh);
+    auto reader = meshes_->WatchBuild(&context, request);
+    v1::WatchBuildResponse report;
+    while (reader->Read(&report)) reports->push_back(report);
+    return reader->Finish();
+  }
+
+  // Expects an upload with this header to fail so.
+  void ExpectRefused(const v1::UploadHeader& header, StatusCode code, const std::string& text) {
+    v1::UploadMeshResponse response;
+    const grpc::Status status = Upload(SquaresObj(1), header, &response);
+    EXPECT_EQ(status.error_code(), code) << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr(text));
+    EXPECT_EQ(MeshCount(), 0u);
+  }
+};
+
+TEST_F(MeshHandlersTest, UploadsNamesAndTellsOfAMesh) {
+  Start();
+  const std::string obj = SquaresObj(3);
+  v1::UploadHeader header;
+  header.set_name("squares");
+  header.set_size_bytes(obj.size());
+  header.set_sha256(Sha256(obj));
+  v1::UploadMeshResponse uploaded;
+  ASSERT_TRUE(Upload(obj, header, &uploaded, 7).ok());
+  EXPECT_TRUE(uploaded.created());
+  EXPECT_EQ(uploaded.mesh().id().size(), 64u);
+
+  grpc::ClientContext context;
+  v1::GetMeshRequest request;
+  request.set_mesh("squares");
+  v1::GetMeshResponse got;
+  ASSERT_TRUE(meshes_->GetMesh(&context, request, &got).ok());
+  const v1::Mesh& mesh = got.mesh();
+  EXPECT_EQ(mesh.id(), uploaded.mesh().id());
+  EXPECT_THAT(mesh.names(), ElementsAre("squares"));
+  EXPECT_EQ(mesh.vertex_count(), 12u);
+  EXPECT_EQ(mesh.triangle_count(), 6u);
+  EXPECT_EQ(mesh.face_count(), 3u);
+  EXPECT_EQ(mesh.bounds().max().z(), 2);
+  EXPECT_EQ(mesh.build_options().builder(), v1::TREE_BUILDER_HYBRID);
+  EXPECT_EQ(mesh.build_options().delta(), 32u);
+  EXPECT_GT(mesh.create_time().seconds(), 1'600'000'000);
+  EXPECT_GT(mesh.stored_bytes(), 0u);
+
+  v1::UploadMeshResponse again;
+  ASSERT_TRUE(Upload(obj, {}, &again).ok());
+  EXPECT_FALSE(again.created());
+  EXPECT_EQ(again.mesh().id(), mesh.id());
+}
+
+TEST_F(MeshHandlersTest, UploadsRawArrays) {
+  Start();
+  v1::UploadHeader header;
+  header.set_format(v1::MESH_FORMAT_RAW);
+  header.mutable_raw_layout()->set_vertex_count(4);
+  header.mutable_raw_layout()->set_triangle_count(4);
+  header.mutable_raw_layout()->set_position_type(v1::SCALAR_TYPE_FLOAT64);
+  const std::string tetrahedron =
+      Bytes<double>({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}) + Bytes<uint32_t>({0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3});
+  v1::UploadMeshResponse response;
+  const grpc::Status status = Upload(tetrahedron, header, &response, 11);
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  EXPECT_EQ(response.mesh().triangle_count(), 4u);
+}
+
+TEST_F(MeshHandlersTest, RefusesBadHeadersByField) {
+  options_.store.max_upload_bytes = 10'000;
+  Start();
+  v1::UploadHeader header;
+  header.set_name(std::string(129, 'n'));
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.name: ");
+  header = {};
+  header.set_format(static_cast<v1::MeshFormat>(17));
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.format: 17");
+  header = {};
+  header.set_format(v1::MESH_FORMAT_RAW);
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.raw_layout: must be set for MESH_FORMAT_RAW");
+  header.mutable_raw_layout()->set_position_type(static_cast<v1::ScalarType>(3));
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.raw_layout.position_type: 3");
+  header = {};
+  header.mutable_raw_layout();
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.raw_layout: must be unset");
+  header = {};
+  header.set_size_bytes(10'001);
+  ExpectRefused(header, StatusCode::RESOURCE_EXHAUSTED, "header.size_bytes: 10001 is over the limit of 10000 bytes");
+  header = {};
+  header.set_size_bytes(1);
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "");
+  header = {};
+  header.set_sha256("short");
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.sha256: 5 bytes, neither 32 nor none");
+  header = {};
+  header.set_sha256(std::string(32, 'x'));
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "");
+  header = {};
+  header.mutable_build_options()->set_delta(5000);
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.delta");
+  header = {};
+  header.mutable_build_options()->set_alpha(std::nan(""));
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.alpha");
+  header = {};
+  header.mutable_build_options()->set_builder(v1::TREE_BUILDER_BVH);
+  header.mutable_build_options()->set_lazy(true);
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.lazy");
+}
+
+TEST_F(MeshHandlersTest, RefusesUploadsOverTheLimitInBytes) {
+  options_.store.max_upload_bytes = 5'000;
+  Start();
+  v1::UploadMeshResponse response;
+  const grpc::Status status = Upload(SquaresObj(1000), {}, &response);
+  EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  EXPECT_THAT(status.error_message(), HasSubstr("5000"));
+  EXPECT_EQ(MeshCount(), 0u);
+}
+
+TEST_F(MeshHandlersTest, RefusesMalformedFilesAndLeavesNothing) {
+  Start();
+  v1::UploadHeader header;
+  header.set_format(v1::MESH_FORMAT_OBJ);
+  v1::UploadMeshResponse response;
+  const grpc::Status status = Upload("v 0 0 0\nf 1 2 3\n", header, &response);
+  EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), HasSubstr("line 2"));
+  EXPECT_EQ(MeshCount(), 0u);
+}
+
+// A malformed message of a stream looks like the end of the stream to gRPC, which would store half a mesh.
+TEST_F(MeshHandlersTest, RefusesMalformedMessagesOfAnUpload) {
+  Start();
+  for (const bool first : {true, false}) {
+    grpc::ClientContext context;
+    grpc::ByteBuffer response;
+    std::unique_ptr<grpc::ClientWriter<grpc::ByteBuffer>> writer(
+        grpc::internal::ClientWriterFactory<grpc::ByteBuffer>::Create(
+            channel_.get(),
+            grpc::internal::RpcMethod("/deltaray.v1.MeshService/UploadMesh",
+                                      grpc::internal::RpcMethod::CLIENT_STREAMING),
+            &context, &response));
+    const auto write = [&writer](const std::string& bytes) {
+      grpc::Slice slice(bytes);
+      writer->Write(grpc::ByteBuffer(&slice, 1));
+    };
+    v1::UploadMeshRequest request;
+    if (!first) {
+      request.mutable_header();
+      write(request.SerializeAsString());
+      request.set_chunk(SquaresObj(1));
+      write(request.SerializeAsString());
+    }
+    write("\x12\xff\xff");
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT) << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr(first ? "message 0: malformed" : "message 2: malformed"));
+  }
+  EXPECT_EQ(MeshCount(), 0u);
+}
+
+TEST_F(MeshHandlersTest, RefusesUploadsOutOfOrder) {
+  Start();
+  v1::UploadMeshResponse response;
+  {
+    grpc::ClientContext context;
+    auto writer = meshes_->UploadMesh(&context, &response);
+    v1::UploadMeshRequest request;
+    request.set_chunk("v 0 0 0\n");
+    writer->Write(request);
+    EXPECT_EQ(writer->Finish().error_message(), "the first message of an upload must hold header");
+  }
+  {
+    grpc::ClientContext context;
+    auto writer = meshes_->UploadMesh(&context, &response);
+    v1::UploadMeshRequest request;
+    request.mutable_header();
+    writer->Write(request);
+    writer->Write(request);
+    EXPECT_THAT(writer->Finish().error_message(), HasSubstr("message 1: all messages of an upload but the first"));
+  }
+  {
+    grpc::ClientContext context;
+    auto writer = meshes_->UploadMesh(&context, &response);
+    writer->WritesDone();
+    EXPECT_EQ(writer->Finish().error_code(), StatusCode::INVALID_ARGUMENT);
+  }
+  EXPECT_EQ(MeshCount(), 0u);
+}
+
+TEST_F(MeshHandlersTest, ACancelledUploadLeavesNothing) {
+  Start();
+  for (int i = 0; i < 20; ++i) {
+    grpc::ClientContext context;
+    v1::UploadMeshResponse response;
+    auto writer = meshes_->UploadMesh(&context, &response);
+    v1::UploadMeshRequest request;
+    request.mutable_header();
+    ASSERT_TRUE(writer->Write(request));
+    // What has been sent is a whole mesh, so that taking the cancellation for the end would store it.
+    request.set_chunk(SquaresObj(1, i));
+    ASSERT_TRUE(writer->Write(request));
+    if (i % 2 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    context.TryCancel();
+    EXPECT_EQ(writer->Finish().error_code(), StatusCode::CANCELLED);
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(MeshCount(), 0u);
+}
+
+TEST_F(MeshHandlersTest, MalformedUnaryRequestsAreInvalid) {
+  Start();
+  for (const char* method :
+       {"MeshService/GetMesh", "MeshService/ListMeshes", "MeshService/NameMesh", "MeshService/DeleteMesh",
+        "MeshService/RebuildMesh", "MeshService/GetBuildStats", "RayService/CastRays"}) {
+    grpc::ByteBuffer response;
+    const grpc::Status status = CallRaw(absl::StrCat("/deltaray.v1.", method), "\xff\xff\xff", &response);
+    EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr("malformed message"));
+  }
+}
+
+TEST_F(MeshHandlersTest, NamesMoveAndGo) {
+  Start();
+  const std::string a = UploadSquares(1, 0, "mesh");
+  const std::string b = UploadSquares(1, 1);
+  const auto name = [this](const std::string& name, const std::string& mesh, std::string* previous) {
+    grpc::ClientContext context;
+    v1::NameMeshRequest request;
+    request.set_name(name);
+    request.set_mesh(mesh);
+    v1::NameMeshResponse response;
+    const grpc::Status status = meshes_->NameMesh(&context, request, &response);
+    *previous = response.previous_id();
+    return status;
+  };
+  std::string previous;
+  ASSERT_TRUE(name("mesh", b, &previous).ok());
+  EXPECT_EQ(previous, a);
+  ASSERT_TRUE(name("new", b, &previous).ok());
+  EXPECT_EQ(previous, "");
+  ASSERT_TRUE(name("mesh", "", &previous).ok());
+  EXPECT_EQ(name("mesh", "", &previous).error_code(), StatusCode::NOT_FOUND);
+  EXPECT_EQ(name("x", "nowhere", &previous).error_code(), StatusCode::NOT_FOUND);
+  EXPECT_EQ(name(a, b, &previous).error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(name("", b, &previous).error_message(), HasSubstr("name: "));
+}
+
+TEST_F(MeshHandlersTest, ListsPageByPage) {
+  Start();
+  std::set<std::string> ids;
+  for (int i = 0; i < 5; ++i) ids.insert(UploadSquares(1, i));
+  std::vector<std::string> listed;
+  v1::ListMeshesRequest request;
+  request.set_page_size(2);
+  int pages = 0;
+  do {
+    grpc::ClientContext context;
+    v1::ListMeshesResponse page;
+    ASSERT_TRUE(meshes_->ListMeshes(&context, request, &page).ok());
+    for (const v1::Mesh& mesh : page.meshes()) listed.push_back(mesh.id());
+    request.set_page_token(page.next_page_token());
+    ++pages;
+  } while (!request.page_token().empty());
+  EXPECT_EQ(pages, 3);
+  EXPECT_EQ(listed, std::vector<std::string>(ids.begin(), ids.end()));
+
+  request.set_page_token("page2");
+  grpc::ClientContext context;
+  v1::ListMeshesResponse page;
+  EXPECT_THAT(meshes_->ListMeshes(&context, request, &page).error_message(), HasSubstr("page_token"));
+}
+
+TEST_F(MeshHandlersTest, UnknownMeshesAreNotFound) {
+  Start();
+  const std::string id(64, 'a');
+  grpc::ClientContext contexts[4];
+  v1::GetMeshRequest get;
+  get.set_mesh(id);
+  v1::GetMeshResponse got;
+  EXPECT_EQ(meshes_->GetMesh(&contexts[0], get, &got).error_code(), StatusCode::NOT_FOUND);
+  v1::DeleteMeshRequest remove;
+  remove.set_mesh("nobody");
+  v1::DeleteMeshResponse removed;
+  EXPECT_EQ(meshes_->DeleteMesh(&contexts[1], remove, &removed).error_code(), StatusCode::NOT_FOUND);
+  v1::RebuildMeshRequest rebuild;
+  v1::RebuildMeshResponse rebuilt;
+  EXPECT_EQ(meshes_->RebuildMesh(&contexts[2], rebuild, &rebuilt).error_code(), StatusCode::NOT_FOUND);
+  v1::GetBuildStatsRequest stats;
+  v1::GetBuildStatsResponse got_stats;
+  EXPECT_EQ(meshes_->GetBuildStats(&contexts[3], stats, &got_stats).error_code(), StatusCode::NOT_FOUND);
+  std::vector<v1::WatchBuildResponse> reports;
+  EXPECT_EQ(WatchAll(id, &reports).error_code(), StatusCode::NOT_FOUND);
+}
+
+TEST_F(MeshHandlersTest, WatchesABuildToItsEndAndTellsItsStatistics) {
+  Start();
+  const std::string id = UploadSquares(200, 0, "squares");
+  std::vector<v1::WatchBuildResponse> reports;
+  ASSERT_TRUE(WatchAll("squares", &reports).ok());
+  ASSERT_FALSE(reports.empty());
+  EXPECT_EQ(reports.back().id(), id);
+  EXPECT_EQ(reports.back().progress().state(), v1::MESH_STATE_READY);
+  EXPECT_EQ(reports.back().progress().phase(), v1::BUILD_PHASE_DONE);
+  EXPECT_EQ(reports.back().progress().triangles(), 400u);
+
+  grpc::ClientContext context;
+  v1::GetBuildStatsRequest request;
+  request.set_mesh("squares");
+  v1::GetBuildStatsResponse response;
+  ASSERT_TRUE(meshes_->GetBuildStats(&context, request, &response).ok());
+  EXPECT_EQ(response.id(), id);
+  EXPECT_EQ(response.stats().triangles(), 400u);
+  EXPECT_EQ(response.stats().build_number(), reports.back().progress().build_number());
+  EXPECT_GE(response.stats().references(), 400u);
+  EXPECT_GT(response.stats().nodes(), 0u);
+  EXPECT_GT(response.stats().mesh_bytes(), 0u);
+}
+
+TEST_F(MeshHandlersTest, RebuildsWithOtherOptions) {
+  Start();
+  UploadSquares(50, 0, "squares");
+  grpc::ClientContext contexts[3];
+  v1::RebuildMeshRequest request;
+  request.set_mesh("squares");
+  request.mutable_build_options()->set_builder(v1::TREE_BUILDER_BVH);
+  v1::RebuildMeshResponse response;
+  ASSERT_TRUE(meshes_->RebuildMesh(&contexts[0], request, &response).ok());
+  EXPECT_EQ(response.mesh().build_options().builder(), v1::TREE_BUILDER_BVH);
+  std::vector<v1::WatchBuildResponse> reports;
+  ASSERT_TRUE(WatchAll("squares", &reports).ok());
+  EXPECT_EQ(reports.back().progress().state(), v1::MESH_STATE_READY);
+
+  v1::GetBuildStatsRequest stats;
+  stats.set_mesh("squares");
+  v1::GetBuildStatsResponse got;
+  ASSERT_TRUE(meshes_->GetBuildStats(&contexts[1], stats, &got).ok());
+  EXPECT_EQ(got.stats().options().builder(), v1::TREE_BUILDER_BVH);
+
+  request.mutable_build_options()->set_traversal_cost(-1);
+  EXPECT_THAT(meshes_->RebuildMesh(&contexts[2], request, &response).error_message(),
+              HasSubstr("build_options.traversal_cost"));
+}
+
+TEST_F(MeshHandlersTest, WatchReportsAtMostTenTimesASecond) {
+  std::atomic<uint64_t> looks{0};
+  HookedStore::Hooks hooks;
+  // A build that goes on at every look, and ends at the seventh.
+  hooks.on_watch = [&looks](BuildReport* report) {
+    report->progress.delta_leaves_built = ++looks;
+    report->state = looks < 7 ? MeshState::kBuilding : MeshState::kReady;
+  };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  const auto start = std::chrono::steady_clock::now();
+  std::vector<v1::WatchBuildResponse> reports;
+  ASSERT_TRUE(WatchAll("squares", &reports).ok());
+  EXPECT_EQ(reports.size(), 7u);
+  EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(590));
+}
+
+TEST_F(MeshHandlersTest, WatchEndsWhenTheMeshIsDeletedOrTheClientGoes) {
+  HookedStore::Hooks hooks;
+  hooks.on_watch = [](BuildReport* report) { report->state = MeshState::kBuilding; };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  v1::WatchBuildRequest request;
+  request.set_mesh("squares");
+  v1::WatchBuildResponse report;
+  {
+    grpc::ClientContext context;
+    auto reader = meshes_->WatchBuild(&context, request);
+    ASSERT_TRUE(reader->Read(&report));
+    EXPECT_EQ(report.progress().state(), v1::MESH_STATE_BUILDING);
+    context.TryCancel();
+    EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  }
+  grpc::ClientContext context;
+  auto reader = meshes_->WatchBuild(&context, request);
+  ASSERT_TRUE(reader->Read(&report));
+  grpc::ClientContext delete_context;
+  v1::DeleteMeshRequest remove;
+  remove.set_mesh("squares");
+  v1::DeleteMeshResponse removed;
+  ASSERT_TRUE(meshes_->DeleteMesh(&delete_context, remove, &removed).ok());
+  EXPECT_EQ(removed.id(), report.id());
+  while (reader->Read(&report)) {
+  }
+  EXPECT_EQ(reader->Finish().error_code(), StatusCode::NOT_FOUND);
+}
+
+}  // namespace
+}  // namespace deltaray

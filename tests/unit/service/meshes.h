@@ -1,0 +1,65 @@
+// Small meshes with answers that can be worked out by hand, and a snapshot of them.
+
+#ifndef TESTS_UNIT_SERVICE_MESHES_H_
+#define TESTS_UNIT_SERVICE_MESHES_H_
+
+#include <cstring>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "server/build/build.h"
+#include "server/mesh/triangle_mesh.h"
+#include "server/tree/brute_force.h"
+
+namespace deltaray {
+
+// Squares of two triangles, [0,1] × [0,1], at z = 0, 1, ... count - 1, seen counter-clockwise from +z. Triangles 2i and
+// 2i + 1 are of face i; face 0 is in no group, all others are in group 0.
+inline TriangleMesh Squares(uint32_t count) {
+  TriangleMesh mesh;
+  for (uint32_t i = 0; i < count; ++i) {
+    const auto z = static_cast<float>(i);
+    for (Vec3f corner : {Vec3f{0, 0, z}, {1, 0, z}, {1, 1, z}, {0, 1, z}}) mesh.positions.push_back(corner);
+    mesh.indices.push_back({4 * i, 4 * i + 1, 4 * i + 2});
+    mesh.indices.push_back({4 * i, 4 * i + 2, 4 * i + 3});
+    mesh.face_ids.insert(mesh.face_ids.end(), 2, i);
+    mesh.group_ids.insert(mesh.group_ids.end(), 2, i == 0 ? kNoGroup : 0);
+  }
+  mesh.groups = {"upper"};
+  mesh.face_count = count;
+  return mesh;
+}
+
+// A snapshot that answers by brute force.
+inline std::shared_ptr<const TreeSnapshot> BruteForceSnapshot(TriangleMesh mesh, bool final = true) {
+  struct Owner {
+    TriangleMesh mesh;
+    BruteForce tree;
+    explicit Owner(TriangleMesh m) : mesh(std::move(m)), tree(mesh.triangles()) {}
+  };
+  auto owner = std::make_shared<Owner>(std::move(mesh));
+  auto snapshot = std::make_shared<TreeSnapshot>();
+  snapshot->mesh = {owner, &owner->mesh};
+  snapshot->tree = {owner, &owner->tree};
+  snapshot->final = final;
+  return snapshot;
+}
+
+// Numbers as they travel.
+template <typename Number>
+std::string Bytes(const std::vector<Number>& numbers) {
+  return {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(Number)};
+}
+
+template <typename Number>
+std::vector<Number> Numbers(const std::string& bytes) {
+  std::vector<Number> numbers(bytes.size() / sizeof(Number));
+  std::memcpy(numbers.data(), bytes.data(), bytes.size());
+  return numbers;
+}
+
+}  // namespace deltaray
+
+#endif  // TESTS_UNIT_SERVICE_MESHES_H_

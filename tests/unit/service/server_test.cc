@@ -1,0 +1,236 @@
+#include "server/service/server.h"
+
+#include <atomic>
+#include <future>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "tests/unit/service/meshes.h"
+#include "tests/unit/service/running_server.h"
+
+namespace deltaray {
+namespace {
+
+using grpc::StatusCode;
+using testing::HasSubstr;
+
+// grpc.health.v1.HealthCheckResponse of this status, and a request for a service.
+constexpr char kServing[] = {0x08, 0x01};
+constexpr char kNotServing[] = {0x08, 0x02};
+
+std::string HealthRequest(const std::string& service) {
+  if (service.empty()) return "";
+  return absl::StrCat("\x0a", std::string(1, static_cast<char>(service.size())), service);
+}
+
+class ServerTest : public RunningServer {
+ protected:
+  std::string Health(const std::string& service) {
+    grpc::ByteBuffer response;
+    const grpc::Status status = CallRaw("/grpc.health.v1.Health/Check", HealthRequest(service), &response);
+    if (!status.ok()) return absl::StrCat("error ", status.error_code());
+    grpc::Slice slice;
+    EXPECT_TRUE(response.DumpToSingleSlice(&slice).ok());
+    return {reinterpret_cast<const char*>(slice.begin()), slice.size()};
+  }
+
+  static std::string SlowRays(size_t count) {
+    std::string rays;
+    for (size_t i = 0; i < count; ++i) rays += Bytes<float>({0.25f, 0.5f, 9, 0, 0, -1});
+    return rays;
+  }
+};
+
+TEST_F(ServerTest, HealthKnowsTheServerAndBothServices) {
+  Start();
+  for (const char* service : {"", "deltaray.v1.MeshService", "deltaray.v1.RayService"}) {
+    EXPECT_EQ(Health(service), std::string(kServing, 2)) << service;
+  }
+  EXPECT_EQ(Health("deltaray.v1.NoService"), absl::StrCat("error ", StatusCode::NOT_FOUND));
+}
+
+TEST_F(ServerTest, HealthIsAnsweredWhileALargeBatchIsTracedOnTheSameConnection) {
+  std::atomic<bool> tracing{false}, enough{false};
+  HookedStore::Hooks hooks;
+  hooks.on_query = [&](size_t) {
+    tracing = true;
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  v1::CastRaysRequest request;
+  request.set_mesh("squares");
+  request.mutable_rays()->set_rays(SlowRays(2000));
+  v1::CastRaysResponse response;
+  auto cast = std::async(std::launch::async, [&] {
+    grpc::ClientContext context;
+    return rays_->CastRays(&context, request, &response).ok();
+  });
+  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_EQ(Health(""), std::string(kServing, 2));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
+  enough = true;
+  EXPECT_TRUE(cast.get());
+}
+
+TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
+  std::atomic<bool> tracing{false}, enough{false};
+  HookedStore::Hooks hooks;
+  hooks.on_query = [&](size_t) {
+    tracing = true;
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+
+  grpc::ClientContext idle_context, busy_context, upload_context;
+  auto idle = rays_->StreamRays(&idle_context);
+  v1::StreamRaysRequest start;
+  start.mutable_start()->set_mesh("squares");
+  idle->Write(start);
+  v1::UploadMeshResponse uploaded;
+  auto upload = meshes_->UploadMesh(&upload_context, &uploaded);
+  v1::UploadMeshRequest header;
+  header.mutable_header();
+  upload->Write(header);
+  auto busy = rays_->StreamRays(&busy_context);
+  busy->Write(start);
+  v1::StreamRaysRequest batch;
+  batch.mutable_rays()->set_rays(SlowRays(3000));
+  busy->Write(batch);
+  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+
+  auto drained = std::async(std::launch::async, [this] { return server_->Drain(); });
+  v1::StreamRaysResponse response;
+  EXPECT_FALSE(idle->Read(&response));
+  EXPECT_EQ(idle->Finish().error_code(), StatusCode::UNAVAILABLE);
+  EXPECT_EQ(upload->Finish().error_code(), StatusCode::UNAVAILABLE);
+  EXPECT_EQ(Health("deltaray.v1.RayService"), std::string(kNotServing, 2));
+  EXPECT_EQ(Health(""), std::string(kNotServing, 2));
+  grpc::ClientContext context;
+  v1::ListMeshesResponse list;
+  const grpc::Status refused = meshes_->ListMeshes(&context, {}, &list);
+  EXPECT_EQ(refused.error_code(), StatusCode::UNAVAILABLE);
+  EXPECT_THAT(refused.error_message(), HasSubstr("draining"));
+
+  enough = true;
+  EXPECT_TRUE(busy->Read(&response));
+  EXPECT_EQ(response.hits().ray_count(), 3000u);
+  EXPECT_FALSE(busy->Read(&response));
+  EXPECT_EQ(busy->Finish().error_code(), StatusCode::UNAVAILABLE);
+  EXPECT_TRUE(drained.get());
+}
+
+TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
+  std::atomic<bool> tracing{false}, enough{false};
+  HookedStore::Hooks hooks;
+  hooks.on_query = [&](size_t) {
+    tracing = true;
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  options_.drain_timeout = std::chrono::milliseconds(300);
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  grpc::ClientContext context;
+  auto stream = rays_->StreamRays(&context);
+  v1::StreamRaysRequest request;
+  request.mutable_start()->set_mesh("squares");
+  stream->Write(request);
+  request.mutable_rays()->set_rays(SlowRays(3000));
+  stream->Write(request);
+  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_FALSE(server_->Drain());
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
+  EXPECT_FALSE(stream->Finish().ok());
+  enough = true;
+}
+
+TEST_F(ServerTest, WatchersOfHealthDoNotHoldUpTheDrain) {
+  Start();
+  grpc::ClientContext context;
+  std::unique_ptr<grpc::ClientReader<grpc::ByteBuffer>> watch;
+  grpc::Slice slice(HealthRequest(""));
+  const grpc::ByteBuffer request(&slice, 1);
+  watch.reset(grpc::internal::ClientReaderFactory<grpc::ByteBuffer>::Create(
+      channel_.get(),
+      grpc::internal::RpcMethod("/grpc.health.v1.Health/Watch", grpc::internal::RpcMethod::SERVER_STREAMING), &context,
+      request));
+  grpc::ByteBuffer response;
+  ASSERT_TRUE(watch->Read(&response));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_TRUE(server_->Drain());
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
+  while (watch->Read(&response)) {
+  }
+  watch->Finish();
+}
+
+TEST_F(ServerTest, ATakenPortFailsClearly) {
+  Start();
+  ServerOptions options = options_;
+  options.listen = absl::StrCat("127.0.0.1:", server_->port());
+  options.store.data_directory = directory_ + "/other";
+  const auto second = Server::Start(options);
+  EXPECT_EQ(second.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(second.status().message()), HasSubstr(options.listen));
+}
+
+// Some 5 MB of zeros in 5 kB of gzip, and there is no end to it.
+TEST_F(ServerTest, CompressedRequestsAreRefused) {
+  Start();
+  UploadSquares(1, 0, "squares");
+  for (const grpc_compression_algorithm algorithm : {GRPC_COMPRESS_GZIP, GRPC_COMPRESS_DEFLATE}) {
+    grpc::ClientContext context;
+    context.set_compression_algorithm(algorithm);
+    v1::CastRaysRequest request;
+    request.set_mesh("squares");
+    request.mutable_rays()->set_rays(std::string(24 * 200'000, 0));
+    v1::CastRaysResponse response;
+    EXPECT_EQ(rays_->CastRays(&context, request, &response).error_code(), StatusCode::UNIMPLEMENTED);
+  }
+}
+
+TEST_F(ServerTest, MessagesOverTheLimitAreRefused) {
+  options_.batch.max_message_bytes = 100'000;
+  Start();
+  UploadSquares(1, 0, "squares");
+  v1::CastRaysRequest request;
+  request.set_mesh("squares");
+  v1::CastRaysResponse response;
+  {
+    grpc::ClientContext context;
+    request.mutable_rays()->set_rays(SlowRays(4100));
+    EXPECT_TRUE(rays_->CastRays(&context, request, &response).ok());
+  }
+  grpc::ClientContext context;
+  request.mutable_rays()->set_rays(SlowRays(4200));
+  EXPECT_EQ(rays_->CastRays(&context, request, &response).error_code(), StatusCode::RESOURCE_EXHAUSTED);
+}
+
+TEST_F(ServerTest, ReflectionListsTheServices) {
+  Start();
+  grpc::ClientContext context;
+  std::unique_ptr<grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>> stream(
+      grpc::internal::ClientReaderWriterFactory<grpc::ByteBuffer, grpc::ByteBuffer>::Create(
+          channel_.get(),
+          grpc::internal::RpcMethod("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+                                    grpc::internal::RpcMethod::BIDI_STREAMING),
+          &context));
+  // ServerReflectionRequest with list_services = "*".
+  grpc::Slice slice(std::string("\x3a\x01*"));
+  stream->Write(grpc::ByteBuffer(&slice, 1));
+  grpc::ByteBuffer reply;
+  ASSERT_TRUE(stream->Read(&reply));
+  grpc::Slice bytes;
+  ASSERT_TRUE(reply.DumpToSingleSlice(&bytes).ok());
+  const std::string text(reinterpret_cast<const char*>(bytes.begin()), bytes.size());
+  EXPECT_THAT(text, HasSubstr("deltaray.v1.MeshService"));
+  EXPECT_THAT(text, HasSubstr("deltaray.v1.RayService"));
+  stream->WritesDone();
+  stream->Finish();
+}
+
+}  // namespace
+}  // namespace deltaray
