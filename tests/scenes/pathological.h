@@ -16,8 +16,10 @@ struct PathologicalScene {
   std::string_view name;  // as on the command line: lower case, words joined by '_'
   // Makes the scene with about `size` parts (a part is one to twelve triangles). The same size gives the same mesh.
   TriangleMesh (*make)(uint32_t size);
-  // The size at which it is worst.
+  // The size at which it is worst, for builders.
   uint32_t full_size;
+  // A size at which every ray can be tried against every triangle.
+  uint32_t small_size;
 };
 
 // All of them, in a fixed order.

@@ -91,7 +91,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, KdTreeBuilderSceneTest, testing::ValuesIn(Patho
                          [](const auto& info) { return std::string(info.param.name); });
 
 TEST_P(KdTreeBuilderSceneTest, EveryPointOfATriangleIsInALeafThatHasIt) {
-  const TriangleMesh mesh = GetParam().make(std::min(GetParam().full_size, 300u));
+  const TriangleMesh mesh = GetParam().make(GetParam().small_size);
   const Result result = BuildWith(mesh, KdConfig());
   std::vector<std::pair<uint32_t, Vec3d>> points;
   BuildContext context;

@@ -1,0 +1,173 @@
+// Rays are answered while the build runs, with the same bits as after it.
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "gtest/gtest.h"
+#include "server/build/build.h"
+#include "server/build/mutex.h"
+#include "tests/property/reference_answers.h"
+#include "tests/property/test_scenes.h"
+#include "tests/scenes/load.h"
+#include "tests/scenes/made.h"
+#include "tests/scenes/rays.h"
+
+namespace deltaray {
+namespace {
+
+// Lets so many δ-leaves be built, and holds up the tasks of others.
+class Gate {
+ public:
+  void Let(uint64_t leaves) {
+    {
+      MutexLock lock(mutex_);
+      let_ += leaves;
+    }
+    changed_.notify_all();
+  }
+  void Pass() {
+    MutexLock lock(mutex_);
+    while (let_ == 0) changed_.wait(mutex_);
+    --let_;
+  }
+
+ private:
+  Mutex mutex_;
+  Condition changed_;
+  uint64_t let_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+constexpr uint64_t kAllLeaves = uint64_t{1} << 40;
+
+// Opens the gate however the test ends, before the build is destroyed, which waits for its tasks.
+struct GatedBuild {
+  GatedBuild(std::shared_ptr<const TriangleMesh> mesh, const Config& config, uint32_t threads)
+      : build(Build::Start(std::move(mesh), {config, threads, [gate = gate] { gate->Pass(); }})) {}
+  ~GatedBuild() { gate->Let(kAllLeaves); }
+
+  // Returns once `leaves` more are built, and no other.
+  void Advance(uint64_t leaves) {
+    const uint64_t wanted = build->progress().delta_leaves_built + leaves;
+    gate->Let(leaves);
+    while (build->progress().delta_leaves_built < wanted) std::this_thread::sleep_for(std::chrono::microseconds(100));
+  }
+
+  std::shared_ptr<Gate> gate = std::make_shared<Gate>();
+  std::shared_ptr<Build> build;
+};
+
+class EarlyAnswersTest : public testing::TestWithParam<std::string> {};
+
+INSTANTIATE_TEST_SUITE_P(Scenes, EarlyAnswersTest, testing::ValuesIn(TestSceneNames()),
+                         [](const auto& info) { return info.param; });
+
+TEST_P(EarlyAnswersTest, AnswersAsBruteForceWhileDeltaLeavesAreBuilt) {
+  const TestScene scene = MakeTestScene(GetParam());
+  const ReferenceAnswers answers(scene.mesh->triangles(), TestRays(scene));
+  size_t first = 0;
+  for (const Builder builder : {Builder::kHybrid, Builder::kTang2015}) {
+    for (const uint32_t delta : {1, 8, 32, 256}) {
+      for (const uint32_t threads : {1, 2}) {
+        SCOPED_TRACE(absl::StrFormat("builder %d, delta %d, %d threads", static_cast<int>(builder), delta, threads));
+        Config config = MakeConfig(builder, Preset::kBalanced);
+        config.delta = delta;
+        GatedBuild gated(scene.mesh, config, threads);
+        Build& build = *gated.build;
+        ASSERT_TRUE(build.WaitProvisional().ok());
+        constexpr size_t kStride = 8;
+
+        const uint64_t leaves = build.progress().delta_leaves;
+        if (leaves > 1) {
+          const std::shared_ptr<const TreeSnapshot> provisional = build.snapshot();
+          EXPECT_FALSE(provisional->final);
+          EXPECT_TRUE(answers.Match(*provisional->tree, first++ % kStride, kStride)) << "no leaf built";
+          gated.Advance(leaves / 2);
+          EXPECT_TRUE(answers.Match(*provisional->tree, first++ % kStride, kStride)) << "half of the leaves built";
+        }
+        gated.gate->Let(kAllLeaves);
+        ASSERT_TRUE(build.WaitDone().ok());
+        EXPECT_TRUE(build.snapshot()->final);
+        EXPECT_TRUE(answers.Match(*build.snapshot()->tree, first++ % kStride, kStride)) << "all leaves built";
+      }
+    }
+  }
+}
+
+// The dragon where it was fetched, else a terrain.
+std::shared_ptr<const TriangleMesh> LargeMesh() {
+  absl::StatusOr<TriangleMesh> dragon = LoadScene("dragon");
+  return std::make_shared<const TriangleMesh>(dragon.ok() ? *std::move(dragon) : Terrain(300, 300));
+}
+
+TEST(EarlyAnswersTest, AnswersAPictureBeforeAnyDeltaLeafIsBuiltWithTheBitsOfTheFinalTree) {
+  const std::shared_ptr<const TriangleMesh> mesh = LargeMesh();
+  const std::vector<Ray> rays = CameraRays(MeshBounds(*mesh), 64, 48);
+  GatedBuild gated(mesh, Config(), 2);
+  ASSERT_TRUE(gated.build->WaitProvisional().ok());
+  const std::shared_ptr<const TreeSnapshot> early = gated.build->snapshot();
+  ASSERT_FALSE(early->final);
+  std::vector<Hit> early_hits(rays.size());
+  early->tree->ClosestHits(rays, {}, early_hits);
+  EXPECT_EQ(gated.build->progress().delta_leaves_built, 0u);
+  EXPECT_GT(gated.build->progress().delta_leaves, 1000u);
+
+  gated.gate->Let(kAllLeaves);
+  ASSERT_TRUE(gated.build->WaitDone().ok());
+  const std::shared_ptr<const TreeSnapshot> late = gated.build->snapshot();
+  ASSERT_TRUE(late->final);
+  std::vector<Hit> late_hits(rays.size());
+  late->tree->ClosestHits(rays, {}, late_hits);
+  EXPECT_EQ(early_hits, late_hits);
+  EXPECT_NE(std::count_if(late_hits.begin(), late_hits.end(), [](const Hit& hit) { return hit.IsHit(); }), 0);
+}
+
+// Traces without a pause, while leaves that take their time replace their lists.
+TEST(EarlyAnswersTest, TracesWhileLeavesArePublished) {
+  const auto mesh = std::make_shared<const TriangleMesh>(Terrain(60, 60));
+  const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 2000, 1);
+  Build::Options options;
+  options.threads = 2;
+  options.on_delta_leaf = [] { std::this_thread::sleep_for(std::chrono::milliseconds(1)); };
+  const std::shared_ptr<Build> build = Build::Start(mesh, options);
+  ASSERT_TRUE(build->WaitProvisional().ok());
+  std::vector<Hit> first(rays.size()), again(rays.size());
+  build->snapshot()->tree->ClosestHits(rays, {}, first);
+  size_t early_rounds = 0;
+  while (true) {
+    const std::shared_ptr<const TreeSnapshot> snapshot = build->snapshot();
+    snapshot->tree->ClosestHits(rays, {}, again);
+    ASSERT_EQ(first, again);
+    if (snapshot->final) break;
+    ++early_rounds;
+  }
+  EXPECT_GT(early_rounds, 0u);
+}
+
+// A lazy build makes only the leaves that rays reach, and answers the same.
+TEST(EarlyAnswersTest, LazyBuildsOnlyWhatRaysReach) {
+  const auto mesh = std::make_shared<const TriangleMesh>(Terrain(100, 100));
+  const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 400, 1);
+  const ReferenceAnswers answers(mesh->triangles(), rays);
+  Build::Options options;
+  options.config.lazy = true;
+  const std::shared_ptr<Build> build = Build::Start(mesh, options);
+  ASSERT_TRUE(build->WaitDone().ok());
+  const uint64_t leaves = build->progress().delta_leaves;
+  EXPECT_EQ(build->progress().delta_leaves_built, 0u);
+
+  std::vector<Hit> hits(1);
+  build->snapshot()->tree->ClosestHits({rays.data(), 1}, {}, hits);
+  EXPECT_TRUE(answers.Match(*build->snapshot()->tree));
+  EXPECT_TRUE(answers.Match(*build->snapshot()->tree));
+  EXPECT_GT(build->progress().delta_leaves_built, 0u);
+  EXPECT_LE(build->progress().delta_leaves_built, leaves);
+}
+
+}  // namespace
+}  // namespace deltaray

@@ -1,0 +1,89 @@
+#include "tests/property/test_scenes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+#include <utility>
+
+#include "gtest/gtest.h"
+#include "server/tree/brute_force.h"
+#include "tests/scenes/hard_rays.h"
+#include "tests/scenes/load.h"
+#include "tests/scenes/made.h"
+#include "tests/scenes/pathological.h"
+#include "tests/scenes/random.h"
+#include "tests/scenes/rays.h"
+
+namespace deltaray {
+namespace {
+
+#ifdef DELTARAY_FEW_RAYS
+constexpr size_t kRays = 256, kFewRays = 32;
+#else
+constexpr size_t kRays = 4608, kFewRays = 512;
+#endif
+
+// Scenes where a ray takes long: the bunny by brute force, and those where it meets many triangles at one t, each pair
+// of which is told apart exactly.
+bool IsSlow(std::string_view name) {
+  return name == "bunny" || name == "fan" || name == "copies" || name == "coincident";
+}
+
+TriangleMesh MakeMesh(const std::string& name) {
+  if (name == "city") return City(6, 40);
+  if (name == "soup") return Soup(600);
+  if (name == "terrain") return Terrain(20, 15);
+  for (const PathologicalScene& scene : PathologicalScenes()) {
+    if (scene.name == name) return scene.make(scene.small_size);
+  }
+  absl::StatusOr<TriangleMesh> mesh = LoadScene(name);
+  EXPECT_TRUE(mesh.ok()) << mesh.status();
+  return mesh.ok() ? *std::move(mesh) : TriangleMesh();
+}
+
+void Append(std::vector<Ray> more, size_t most, std::vector<Ray>* rays) {
+  if (more.size() > most) more.resize(most);
+  rays->insert(rays->end(), more.begin(), more.end());
+}
+
+}  // namespace
+
+std::vector<std::string> TestSceneNames() {
+  std::vector<std::string> names = {"bunny", "city", "soup", "terrain"};
+  for (const PathologicalScene& scene : PathologicalScenes()) names.emplace_back(scene.name);
+  return names;
+}
+
+TestScene MakeTestScene(const std::string& name) {
+  return {name, std::make_shared<const TriangleMesh>(MakeMesh(name)), IsSlow(name) ? kFewRays : kRays};
+}
+
+std::vector<Ray> TestRays(const TestScene& scene) {
+  const TriangleMesh& mesh = *scene.mesh;
+  const BruteForce tree(mesh.triangles());
+  const Bounds bounds = MeshBounds(mesh);
+  std::vector<Ray> rays;
+  if (!mesh.indices.empty()) {
+    // A sixteenth for each of eight hard families, three for rays that end at hits of those, four for common ones.
+    const size_t part = scene.ray_count / 16;
+    uint64_t seed = 100;
+    for (const HardRays& family : HardRayFamilies()) {
+      Append(family.make(mesh, static_cast<uint32_t>(part), ++seed), part, &rays);
+    }
+    std::vector<Ray> sample;
+    for (size_t i = 0; i < rays.size(); i += 8) sample.push_back(rays[i]);
+    Append(RaysEndingAtHits(tree, sample), 3 * part, &rays);
+
+    const auto width = static_cast<uint32_t>(std::sqrt(static_cast<double>(part)));
+    const std::vector<Ray> camera = CameraRays(bounds, width, width);
+    Append(camera, part, &rays);
+    Append(BounceRays(mesh, tree, camera, 200), part, &rays);
+    Append(ShadowRays(mesh, tree, camera), part, &rays);
+  }
+  Append(ChordRays(bounds, static_cast<uint32_t>(scene.ray_count), 300), scene.ray_count - rays.size(), &rays);
+  Random random(400);
+  for (size_t i = rays.size(); i > 1; --i) std::swap(rays[i - 1], rays[random.Below(static_cast<uint32_t>(i))]);
+  return rays;
+}
+
+}  // namespace deltaray
