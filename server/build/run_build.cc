@@ -8,6 +8,7 @@
 #include "server/build/kd_tree_builder.h"
 #include "server/build/layout.h"
 #include "server/build/reference.h"
+#include "server/build/tang2015_builder.h"
 #include "server/build/top_down.h"
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
@@ -64,6 +65,11 @@ class Run {
       case Builder::kKdTree:
         return BuildKd(*std::move(references));
       case Builder::kTang2015:
+        return BuildWithDeltaLeaves(
+            [&] { return BuildTang2015Top(*std::move(references), config_, *context_); },
+            [config = config_, context = context_.get()](std::span<const Reference> delta_leaf, const Bounds& all) {
+              return BuildTang2015DeltaLeaf(delta_leaf, all, config, *context);
+            });
       case Builder::kBvh:
       case Builder::kSbvh:
         return BuildBvh(*std::move(references));

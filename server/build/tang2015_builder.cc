@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "server/build/clustering.h"
+#include "server/build/collapse.h"
 #include "server/build/kd_plane.h"
 #include "server/build/object_split.h"
 #include "server/build/sah.h"
@@ -158,6 +160,13 @@ absl::StatusOr<SplitTree> BuildTang2015Top(ReferenceArray references, const Conf
   SplitTree result{std::move(tree.nodes), ReferenceArray(tree.references.size(), context)};
   for (const Reference& reference : tree.references) result.references.Add(reference);
   return result;
+}
+
+BvhArrays BuildTang2015DeltaLeaf(std::span<const Reference> references, const Bounds& mesh_bounds, const Config& config,
+                                 const BuildContext& context) {
+  const Dendrogram dendrogram = Cluster(references, ClusteringCost(config.alpha, config, mesh_bounds, 1), context);
+  if (context.cancelled()) return BvhArrays();
+  return CollapsedTree(references, dendrogram, SahCosts(config), 1).ToBvhArrays();
 }
 
 }  // namespace deltaray

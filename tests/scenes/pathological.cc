@@ -223,7 +223,7 @@ constexpr PathologicalScene kScenes[] = {
     {"tiny", Tiny, 5'000, 600},
     {"huge", Huge, 5'000, 600},
     {"far_from_origin", FarFromOrigin, 5'000, 600},
-    {"mixed_magnitudes", MixedMagnitudes, 5'000, 600},
+    {"mixed_magnitudes", MixedMagnitudes, 5'000, 80},
     {"half_degenerate", HalfDegenerate, 5'000, 600},
     {"all_degenerate", AllDegenerate, 5'000, 600},
     {"flat_grid", FlatGrid, 5'000, 600},

@@ -3,6 +3,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -126,6 +127,49 @@ TEST(Tang2015BuilderTest, DoesNotDependOnThreads) {
 TEST(Tang2015BuilderTest, DeltaOfOneGoesDownToSingleReferences) {
   const Top top = BuildTopWith(Soup(500), TangConfig(1));
   for (const BvhNode& node : top.nodes) EXPECT_LE(node.count, 1u);
+}
+
+TEST(Tang2015BuilderTest, ClustersADeltaLeafDownToSingleReferences) {
+  // Two pairs of neighbours, given in turn.
+  TriangleMesh mesh;
+  for (const double x : {0.0, 10.0, 1.5, 11.5}) AddTriangle(&mesh, {x, 0, 0}, {x + 1, 1, 0}, {x, 0, 1});
+  BuildContext context;
+  const absl::StatusOr<ReferenceArray> references = MakeReferences(mesh.triangles(), 0, context);
+  ASSERT_TRUE(references.ok());
+  const BvhArrays tree =
+      BuildTang2015DeltaLeaf(references->span(), Bounds{{0, 0, 0}, {12.5, 1, 1}}, TangConfig(), context);
+  ASSERT_EQ(tree.nodes.size(), 7u);
+  EXPECT_EQ(tree.nodes[0].bounds, (Bounds{{0, 0, 0}, {12.5, 1, 1}}));
+  std::vector<Bounds> children = {tree.nodes[1].bounds, tree.nodes[tree.nodes[0].offset].bounds};
+  if (children[0].min.x > children[1].min.x) std::swap(children[0], children[1]);
+  EXPECT_EQ(children[0], (Bounds{{0, 0, 0}, {2.5, 1, 1}}));
+  EXPECT_EQ(children[1], (Bounds{{10, 0, 0}, {12.5, 1, 1}}));
+  for (const BvhNode& node : tree.nodes) EXPECT_LE(node.count, 1u);
+}
+
+// As printed, distances count in the mesh's unit, so that scaling a mesh may change its tree.
+TEST(Tang2015BuilderTest, DistancesAreInTheMeshsUnit) {
+  const auto parts_the_small_ones = [](double scale) {
+    // The first two are close, the last two small: distance merges the first pair first, area the last one.
+    TriangleMesh mesh;
+    const auto add = [&](double x, double size) {
+      AddTriangle(&mesh, {scale * x, 0, 0}, {scale * (x + size), scale * size, 0}, {scale * x, 0, scale * size});
+    };
+    add(0, 10);
+    add(10.5, 10);
+    add(30, 0.5);
+    add(45, 0.5);
+    BuildContext context;
+    const absl::StatusOr<ReferenceArray> references = MakeReferences(mesh.triangles(), 0, context);
+    EXPECT_TRUE(references.ok());
+    Bounds all;
+    for (const Reference& reference : references->span()) all.Extend(reference.bounds);
+    const BvhArrays tree = BuildTang2015DeltaLeaf(references->span(), all, TangConfig(), context);
+    const Bounds small = Union(references->span()[2].bounds, references->span()[3].bounds);
+    return std::none_of(tree.nodes.begin(), tree.nodes.end(), [&](const BvhNode& n) { return n.bounds == small; });
+  };
+  EXPECT_FALSE(parts_the_small_ones(1e-3));
+  EXPECT_TRUE(parts_the_small_ones(1e3));
 }
 
 TEST(Tang2015BuilderTest, ACancelledBuildSaysSo) {
