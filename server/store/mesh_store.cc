@@ -57,6 +57,7 @@ class Store final : public MeshStore {
   absl::StatusOr<Stored> Find(absl::string_view mesh) const;
   // The mesh of an id, where its file is there, as far as is known.
   std::shared_ptr<MeshEntry> FindWhole(const std::string& id) const;
+  // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh.
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
   // Points a name at a mesh, in memory; with an empty id takes it away. Returns the id it pointed at before.
@@ -136,18 +137,20 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     if (entry) files.mesh.reset();        // stored since, or long ago
     const bool same_config = entry && (!upload.config || EncodeConfig(*upload.config) == EncodeConfig(entry->config()));
     if (same_config) files.config.reset();
-    if (absl::Status status = MoveFiles(upload, files); !status.ok()) return status;
-
     Upload::Committed committed;
+    committed.created = !Find(id).ok();
+    if (absl::Status status = MoveFiles(upload, files); !status.ok()) {
+      if (committed.created) RemoveMeshFiles(id).IgnoreError();
+      return status;
+    }
+
     Stored stored;
-    const bool is_new = !entry;
+    const bool is_new = !entry;  // to memory: the mesh of a lost file is so again
     {
       MutexLock lock(mutex_);
       Stored& slot = meshes_[id];
-      committed.created = !slot.entry;
       if (is_new) {
         MeshInfo info = upload.info;
-        // The mesh of a lost file, uploaded again, keeps its config.
         info.config = upload.config ? *upload.config : slot.entry ? slot.entry->config() : Config();
         slot.entry = entry = std::make_shared<MeshEntry>(std::move(info), directory_.MeshPath(id), &queue_);
       }
@@ -169,13 +172,10 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
 
 absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files) {
   const std::string& id = upload.info.id;
-  // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh.
   absl::Status status;
   if (files.mesh) status = files.mesh->MoveTo(directory_.MeshPath(id));
   if (status.ok() && files.config) status = files.config->MoveTo(directory_.ConfigPath(id));
   if (status.ok() && files.name) status = files.name->MoveTo(directory_.NamePath(upload.name));
-  // A failed upload leaves nothing behind; but what was there before it, in a lost file's place, may be worth keeping.
-  if (!status.ok() && files.mesh) RemoveMeshFiles(id).IgnoreError();
   return status;
 }
 
@@ -239,7 +239,7 @@ absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
     const absl::StatusOr<Stored> stored = Find(mesh);
     if (!stored.ok()) return stored.status();
     entry = stored->entry;
-    // Names first, then config, then mesh: whenever the server dies, no name or config is without its mesh.
+    // Names first, then config, then mesh, for the same reason as in MoveFiles.
     for (const std::string& name : stored->names) {
       if (absl::Status status = RemoveFile(directory_.NamePath(name)); !status.ok()) return status;
       MutexLock lock(mutex_);

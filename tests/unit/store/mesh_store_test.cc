@@ -7,6 +7,7 @@
 
 #include "server/store/sha256.h"
 #include "tests/unit/store/fixture.h"
+#include "tests/unit/store/hindered.h"
 
 namespace deltaray {
 namespace {
@@ -94,6 +95,260 @@ TEST(MeshStoreTest, NothingIsBuiltBeforeItIsAskedFor) {
   ASSERT_TRUE(AwaitTree(*store, "one").ok());
   EXPECT_EQ(store->Watch("one")->build_number, 1u);
   EXPECT_EQ(store->Get("two")->state, MeshState::kStored);
+}
+
+TEST(MeshStoreTest, TheSameGeometryIsOneMesh) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  const auto first = Put(*store, StripObj(1), "a");
+  const auto second = Put(*store, "# a comment\n" + StripObj(1), "b");
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_FALSE(second->created);
+  EXPECT_EQ(second->info.id, first->info.id);
+  EXPECT_EQ(second->info.created, first->info.created);
+  EXPECT_THAT(second->info.names, ElementsAre("a", "b"));
+  ASSERT_TRUE(AwaitTree(*store, "a").ok());
+  EXPECT_EQ(store->Watch("a")->build_number, 1u);
+}
+
+TEST(MeshStoreTest, UploadingAgainRebuildsOnlyForAnotherConfig) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  ASSERT_TRUE(Put(*store, StripObj(1), "a", ConfigWithDelta(5)).ok());
+  ASSERT_TRUE(AwaitTree(*store, "a").ok());
+  EXPECT_EQ(Put(*store, StripObj(1), "", ConfigWithDelta(5))->info.config.delta, 5u);
+  EXPECT_EQ(Put(*store, StripObj(1))->info.config.delta, 5u);
+  EXPECT_EQ(store->Watch("a")->build_number, 1u);
+  EXPECT_EQ(Put(*store, StripObj(1), "", ConfigWithDelta(6))->info.config.delta, 6u);
+  EXPECT_EQ(store->Watch("a")->build_number, 2u);
+}
+
+TEST(MeshStoreTest, UploadsAreCheckedAgainstWhatWasAnnounced) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  const auto commit = [&](Upload::CommitOptions options) {
+    auto upload = *store->StartUpload();
+    EXPECT_TRUE(upload->Append(StripObj(1)).ok());
+    return upload->Commit(std::move(options)).status();
+  };
+  Upload::CommitOptions options;
+  options.size = 5;
+  EXPECT_THAT(commit(options).ToString(), HasSubstr("5 bytes were announced"));
+  options = {};
+  options.sha256 = std::string(32, 'x');
+  EXPECT_THAT(commit(options).ToString(), HasSubstr("sha256"));
+  options = {};
+  options.name = "a\nb";
+  EXPECT_THAT(commit(options).ToString(), HasSubstr("name"));
+  options = {};
+  options.config = ConfigWithDelta(0);
+  EXPECT_THAT(commit(options).ToString(), HasSubstr("delta"));
+  options = {};
+  options.read.cancelled = [] { return true; };
+  EXPECT_EQ(commit(options).code(), absl::StatusCode::kCancelled);
+  options = {};
+  options.read.format = MeshFormat::kRaw;  // of another size
+  EXPECT_EQ(commit(options).code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(FilesIn(directory.path()), IsEmpty());
+  EXPECT_THAT(store->List("", 10), IsEmpty());
+
+  options = {};
+  options.size = StripObj(1).size();
+  Sha256 sha256;
+  sha256.Update(StripObj(1));
+  options.sha256 = sha256.Finish();
+  EXPECT_TRUE(commit(options).ok());
+}
+
+TEST(MeshStoreTest, LimitsHoldForUploads) {
+  ScratchDirectory directory;
+  MeshStore::Options options;
+  options.mesh_limits.max_triangles = 3;
+  options.max_upload_bytes = 1000;
+  const auto store = OpenStore(directory.path(), options);
+  EXPECT_EQ(Put(*store, StripObj(1)).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(Put(*store, StripObj(1, 1)).ok());
+  EXPECT_EQ(Put(*store, std::string(1001, '#')).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(FilesIn(directory.path()).size(), 1u);
+}
+
+TEST(MeshStoreTest, AnUploadThatIsDroppedLeavesNothing) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  {
+    auto upload = *store->StartUpload();
+    ASSERT_TRUE(upload->Append(StripObj(1)).ok());
+  }
+  EXPECT_THAT(FilesIn(directory.path()), IsEmpty());
+}
+
+TEST(MeshStoreTest, NamesMove) {
+  ScratchDirectory directory;
+  std::string one, two;
+  {
+    const auto store = OpenStore(directory.path());
+    one = Put(*store, StripObj(1), "a")->info.id;
+    two = Put(*store, StripObj(2), "b")->info.id;
+    EXPECT_EQ(*store->Name("a", "b"), one);
+    EXPECT_EQ(store->Get("a")->id, two);
+    EXPECT_THAT(store->Get(one)->names, IsEmpty());
+    EXPECT_THAT(store->Get(two)->names, ElementsAre("a", "b"));
+    EXPECT_EQ(*store->Name("a", two), two);
+    EXPECT_EQ(*store->Name("c", one), "");
+    EXPECT_EQ(*store->Name("b", ""), two);
+    EXPECT_EQ(store->Get("b").status().code(), absl::StatusCode::kNotFound);
+
+    EXPECT_EQ(store->Name("b", "").status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Name("a", "nobody").status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Name("a\n", one).status().code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_EQ(store->Name(one, two).status().code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_EQ(store->Get("a\n").status().code(), absl::StatusCode::kNotFound);
+    // A name never becomes a path.
+    EXPECT_EQ(*store->Name("../../escape", one), "");
+  }
+  EXPECT_FALSE(std::filesystem::exists(directory.path() + "/../escape"));
+  const auto store = OpenStore(directory.path());
+  EXPECT_THAT(store->Get(one)->names, ElementsAre("../../escape", "c"));
+  EXPECT_THAT(store->Get(two)->names, ElementsAre("a"));
+}
+
+TEST(MeshStoreTest, DeletingLeavesNoFile) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  const std::string id = Put(*store, StripObj(1), "a", ConfigWithDelta(5))->info.id;
+  ASSERT_TRUE(store->Name("b", "a").ok());
+  EXPECT_EQ(FilesIn(directory.path()).size(), 4u);
+  EXPECT_EQ(*store->Delete("b"), id);
+  EXPECT_THAT(FilesIn(directory.path()), IsEmpty());
+  for (const std::string& mesh : {std::string("a"), std::string("b"), id}) {
+    EXPECT_EQ(store->Get(mesh).status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Delete(mesh).status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Watch(mesh).status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Rebuild(mesh, {}).status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(AwaitTree(*store, mesh).status().code(), absl::StatusCode::kNotFound);
+  }
+  // Uploaded again it is a new mesh, with the default config.
+  const auto again = Put(*store, StripObj(1));
+  EXPECT_TRUE(again->created);
+  EXPECT_EQ(again->info.config.delta, Config().delta);
+}
+
+TEST(MeshStoreTest, ATreeInUseOutlivesItsMesh) {
+  ScratchDirectory directory;
+  auto store = OpenStore(directory.path());
+  ASSERT_TRUE(Put(*store, StripObj(3), "a").ok());
+  const auto answer = AwaitTree(*store, "a");
+  ASSERT_TRUE(store->Delete("a").ok());
+  EXPECT_EQ(HitStrip(*answer, 3).t, 1);
+  store->NoteAnswer(*answer);
+  store.reset();
+  EXPECT_EQ(HitStrip(*answer, 3).t, 1);
+}
+
+TEST(MeshStoreTest, ListsPageByPageInOrderOfId) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  std::set<std::string> ids;
+  for (int i = 0; i < 5; ++i) ids.insert(Put(*store, StripObj(i))->info.id);
+  std::vector<std::string> listed;
+  for (std::string after;;) {
+    const std::vector<MeshInfo> page = store->List(after, 2);
+    if (page.empty()) break;
+    EXPECT_LE(page.size(), 2u);
+    for (const MeshInfo& info : page) {
+      EXPECT_THAT(info.groups, IsEmpty());
+      listed.push_back(info.id);
+    }
+    after = page.back().id;
+  }
+  EXPECT_EQ(listed, std::vector<std::string>(ids.begin(), ids.end()));
+}
+
+TEST(MeshStoreTest, StatisticsTellTheFirstAnswer) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
+  const auto answer = AwaitTree(*store, "a");
+  EXPECT_EQ(store->Statistics("a")->first_answer_seconds, 0);
+  store->NoteAnswer(*answer);
+  const auto statistics = store->Statistics("a");
+  ASSERT_TRUE(statistics.ok()) << statistics.status();
+  const double first = statistics->first_answer_seconds;
+  EXPECT_GT(first, 0);
+  EXPECT_EQ(statistics->build_number, 1u);
+  EXPECT_EQ(statistics->statistics.triangles, 4u);
+  EXPECT_GE(statistics->mesh_bytes, 6 * sizeof(Vec3f) + 4 * 12);
+  store->NoteAnswer(*answer);
+  EXPECT_EQ(store->Statistics("a")->first_answer_seconds, first);
+}
+
+TEST(MeshStoreTest, RebuildTakesTheNewConfigAndKeepsIt) {
+  ScratchDirectory directory;
+  {
+    const auto store = OpenStore(directory.path());
+    ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
+    ASSERT_TRUE(AwaitTree(*store, "a").ok());
+    EXPECT_EQ(store->Rebuild("a", ConfigWithDelta(0)).status().code(), absl::StatusCode::kInvalidArgument);
+    const auto info = store->Rebuild("a", ConfigWithDelta(9));
+    ASSERT_TRUE(info.ok()) << info.status();
+    EXPECT_EQ(info->config.delta, 9u);
+    EXPECT_EQ(store->Watch("a")->build_number, 2u);
+    // A tree answers all the time.
+    const auto answer = AwaitTree(*store, "a");
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+    while (store->Get("a")->state != MeshState::kReady) std::this_thread::yield();
+  }
+  const auto store = OpenStore(directory.path());
+  EXPECT_EQ(store->Get("a")->config.delta, 9u);
+}
+
+TEST(MeshStoreTest, AFullDiskFailsTheUploadAndNothingElse) {
+  ScratchDirectory directory;
+  const auto store = OpenStore(directory.path());
+  ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
+  const std::set<std::string> before = FilesIn(directory.path());
+  for (const size_t limit : {0, 100, 200, 400, 800, 1600}) {
+    const FileSizeLimit full(limit);
+    EXPECT_EQ(Put(*store, StripObj(2, 40), "b").status().code(), absl::StatusCode::kResourceExhausted) << limit;
+    if (limit < 100) {
+      EXPECT_EQ(store->Name("c", "a").status().code(), absl::StatusCode::kResourceExhausted);
+      EXPECT_EQ(store->Rebuild("a", {}).status().code(), absl::StatusCode::kResourceExhausted);
+    }
+    EXPECT_EQ(FilesIn(directory.path()), before) << limit;
+  }
+  EXPECT_TRUE(Put(*store, StripObj(2, 40), "b").ok());
+  EXPECT_TRUE(AwaitTree(*store, "a").ok());
+}
+
+TEST(MeshStoreTest, AReadOnlyDirectoryCanBeQueried) {
+  ScratchDirectory directory;
+  const WithoutPrivileges without;  // before anything is made, so that nobody owns it
+  const std::string path = directory.path() + "/data";
+  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
+  { ASSERT_TRUE(Put(*OpenStore(path), StripObj(1), "a").ok()); }
+  const auto permit = [&](std::filesystem::perms perms) {
+    for (const char* folder : {"/meshes", "/names", "/configs", "/tmp", ""}) {
+      std::filesystem::permissions(path + folder, perms);
+    }
+  };
+  permit(std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
+  {
+    const auto store = OpenStore(path);
+    ASSERT_NE(store, nullptr);
+    EXPECT_TRUE(AwaitTree(*store, "a").ok());
+    EXPECT_EQ(Put(*store, StripObj(2)).status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_EQ(store->Name("b", "a").status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_EQ(store->Rebuild("a", {}).status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_EQ(store->Delete("a").status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_TRUE(store->Get("a").ok());
+  }
+  MeshStore::Options options;
+  options.data_directory = path + "/sub";
+  EXPECT_EQ(MeshStore::Open(options).status().code(), absl::StatusCode::kFailedPrecondition);
+  options.data_directory = "";
+  EXPECT_EQ(MeshStore::Open(options).status().code(), absl::StatusCode::kInvalidArgument);
+  permit(std::filesystem::perms::owner_all);
 }
 
 }  // namespace

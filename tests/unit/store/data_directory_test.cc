@@ -1,0 +1,169 @@
+#include "server/store/data_directory.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "server/store/sha256.h"
+#include "tests/unit/store/fixture.h"
+
+namespace deltaray {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+// A directory with two meshes, "good" and "bad", of which the files of the latter will be damaged.
+class DataDirectoryTest : public ::testing::Test {
+ protected:
+  DataDirectoryTest() {
+    const auto store = OpenStore(path_);
+    Config config;
+    config.delta = 7;
+    good_ = Put(*store, StripObj(1), "good", config)->info.id;
+    bad_ = Put(*store, StripObj(2), "bad", config)->info.id;
+  }
+
+  std::string MeshFile(const std::string& id) const { return path_ + "/meshes/" + id + ".mesh"; }
+  std::string ConfigFile(const std::string& id) const { return path_ + "/configs/" + id + ".config"; }
+  std::string NameFile(const std::string& name) const { return path_ + "/names/" + Sha256::Hex(name) + ".name"; }
+
+  static void ExpectGood(MeshStore& store) {
+    const auto answer = AwaitTree(store, "good");
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+    EXPECT_EQ(store.Get("good")->config.delta, 7u);
+  }
+
+  ScratchDirectory directory_;
+  const std::string path_ = directory_.path();
+  std::string good_, bad_;
+};
+
+TEST_F(DataDirectoryTest, AMeshWithADamagedHeadIsLeftOutAndItsFilesStay) {
+  std::string content = ReadFile(MeshFile(bad_));
+  content[100] ^= 1;
+  WriteFile(MeshFile(bad_), content);
+  const std::set<std::string> files = FilesIn(path_);
+  {
+    const auto store = OpenStore(path_);
+    ExpectGood(*store);
+    EXPECT_EQ(store->List("", 10).size(), 1u);
+    EXPECT_EQ(store->Get("bad").status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Get(bad_).status().code(), absl::StatusCode::kNotFound);
+  }
+  EXPECT_EQ(FilesIn(path_), files);
+  // Once the file is mended, name and config are there again.
+  content[100] ^= 1;
+  WriteFile(MeshFile(bad_), content);
+  const auto store = OpenStore(path_);
+  EXPECT_EQ(store->Get("bad")->config.delta, 7u);
+}
+
+TEST_F(DataDirectoryTest, DamagedGeometryIsNeverServed) {
+  std::string content = ReadFile(MeshFile(bad_));
+  content.back() ^= 1;
+  WriteFile(MeshFile(bad_), content);
+  const auto store = OpenStore(path_);
+  for (int i = 0; i < 2; ++i) {
+    const auto answer = AwaitTree(*store, "bad");
+    EXPECT_EQ(answer.status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_THAT(answer.status().ToString(), HasSubstr(MeshFile(bad_)));
+  }
+  EXPECT_EQ(store->Get("bad")->state, MeshState::kFailed);
+  EXPECT_THAT(store->Get("bad")->failure, HasSubstr("checksum"));
+  EXPECT_EQ(store->Watch("bad")->state, MeshState::kFailed);
+  ExpectGood(*store);
+
+  // Uploading the mesh again mends it.
+  const auto again = Put(*store, StripObj(2));
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_FALSE(again->created);
+  EXPECT_THAT(again->info.names, ElementsAre("bad"));
+  EXPECT_EQ(again->info.config.delta, 7u);
+  EXPECT_TRUE(AwaitTree(*store, "bad").ok());
+  EXPECT_TRUE(AwaitTree(*OpenStore(path_), "bad").ok());
+}
+
+TEST_F(DataDirectoryTest, AMeshFileThatVanishesFailsItsBuildOnly) {
+  const auto store = OpenStore(path_);
+  std::filesystem::remove(MeshFile(bad_));
+  EXPECT_EQ(AwaitTree(*store, "bad").status().code(), absl::StatusCode::kFailedPrecondition);
+  ExpectGood(*store);
+  EXPECT_TRUE(store->Delete("bad").ok());
+}
+
+TEST_F(DataDirectoryTest, WhereverTheMeshFileIsCutItIsNotServed) {
+  const std::string content = ReadFile(MeshFile(bad_));
+  for (size_t size = 0; size < content.size(); size += 17) {
+    WriteFile(MeshFile(bad_), content.substr(0, size));
+    DataDirectory::Contents contents;
+    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    ASSERT_EQ(contents.meshes.size(), 1u) << size;
+    EXPECT_EQ(contents.meshes[0].id, good_);
+    ASSERT_EQ(contents.names.size(), 1u);
+    EXPECT_EQ(contents.names[0].name, "good");
+  }
+}
+
+TEST_F(DataDirectoryTest, WhereverARecordIsDamagedOnlyItIsLost) {
+  const std::string name = ReadFile(NameFile("bad"));
+  for (size_t i = 0; i < name.size(); i += 7) {
+    std::string flipped = name;
+    flipped[i] ^= 4;
+    WriteFile(NameFile("bad"), flipped);
+    DataDirectory::Contents contents;
+    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    EXPECT_EQ(contents.meshes.size(), 2u);
+    ASSERT_EQ(contents.names.size(), 1u) << i;
+  }
+  const std::string config = ReadFile(ConfigFile(bad_));
+  for (size_t i = 0; i < config.size(); i += 7) {
+    WriteFile(ConfigFile(bad_), config.substr(0, i));
+    DataDirectory::Contents contents;
+    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    ASSERT_EQ(contents.meshes.size(), 2u);
+    EXPECT_EQ(contents.meshes[contents.meshes[0].id == bad_ ? 0 : 1].config.delta, Config().delta) << i;
+  }
+}
+
+TEST_F(DataDirectoryTest, NamesAndConfigsWithoutAMeshAreDropped) {
+  std::filesystem::remove(MeshFile(bad_));
+  const auto store = OpenStore(path_);
+  ExpectGood(*store);
+  EXPECT_FALSE(std::filesystem::exists(NameFile("bad")));
+  EXPECT_FALSE(std::filesystem::exists(ConfigFile(bad_)));
+  EXPECT_EQ(FilesIn(path_).size(), 3u);
+}
+
+TEST_F(DataDirectoryTest, AFileUnderAnothersNameIsNotTaken) {
+  const std::string other(64, '0');
+  std::filesystem::copy(MeshFile(good_), MeshFile(other));
+  std::filesystem::copy(NameFile("good"), NameFile("better"));
+  const auto store = OpenStore(path_);
+  ExpectGood(*store);
+  EXPECT_EQ(store->Get(other).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(store->Get("better").status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(DataDirectoryTest, ForeignFilesAreLeftAlone) {
+  WriteFile(path_ + "/meshes/README", "hands off");
+  WriteFile(path_ + "/names/x.name", "hands off");
+  WriteFile(path_ + "/lost+found", "hands off");
+  std::filesystem::create_directory(MeshFile(std::string(64, 'a')));
+  const auto store = OpenStore(path_);
+  ExpectGood(*store);
+  EXPECT_EQ(ReadFile(path_ + "/meshes/README"), "hands off");
+  EXPECT_EQ(ReadFile(path_ + "/names/x.name"), "hands off");
+}
+
+TEST_F(DataDirectoryTest, WhatADeadServerLeftHalfDoneIsRemoved) {
+  WriteFile(path_ + "/tmp/0123456789abcdef", "half a mesh");
+  const auto store = OpenStore(path_);
+  EXPECT_THAT(FilesIn(path_ + "/tmp"), IsEmpty());
+}
+
+}  // namespace
+}  // namespace deltaray

@@ -1,0 +1,46 @@
+// Makes the system refuse things, for a time.
+
+#ifndef TESTS_UNIT_STORE_HINDERED_H_
+#define TESTS_UNIT_STORE_HINDERED_H_
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <csignal>
+
+namespace deltaray {
+
+// No file can be written past `bytes`.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) {
+    handler_ = signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before_);
+    rlimit limit = before_;
+    limit.rlim_cur = bytes;
+    EXPECT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_;
+  void (*handler_)(int);
+};
+
+// Root may write anywhere; with this the process is nobody, where it was root.
+class WithoutPrivileges {
+ public:
+  WithoutPrivileges() : before_(geteuid()) { EXPECT_TRUE(before_ != 0 || seteuid(65534) == 0); }
+  ~WithoutPrivileges() { EXPECT_TRUE(before_ != 0 || seteuid(0) == 0); }
+
+ private:
+  const uid_t before_;
+};
+
+}  // namespace deltaray
+
+#endif  // TESTS_UNIT_STORE_HINDERED_H_
