@@ -25,7 +25,7 @@ namespace deltaray {
 class ScratchDirectory {
  public:
   ScratchDirectory() {
-    std::string pattern = std::string(::testing::TempDir()) + "/deltaray_store_XXXXXX";
+    std::string pattern = ::testing::TempDir() + "deltaray_store_XXXXXX";
     path_ = mkdtemp(pattern.data());
   }
   ~ScratchDirectory() {
@@ -105,6 +105,7 @@ inline std::string ReadFile(const std::string& path) {
 }
 
 inline void WriteFile(const std::string& path, const std::string& content) {
+  std::filesystem::remove(path);  // some file systems sync a file that is written over
   std::ofstream(path, std::ios::binary | std::ios::trunc) << content;
 }
 

@@ -323,9 +323,9 @@ TEST(MeshStoreTest, AFullDiskFailsTheUploadAndNothingElse) {
 
 TEST(MeshStoreTest, AReadOnlyDirectoryCanBeQueried) {
   ScratchDirectory directory;
+  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
   const WithoutPrivileges without;  // before anything is made, so that nobody owns it
   const std::string path = directory.path() + "/data";
-  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
   { ASSERT_TRUE(Put(*OpenStore(path), StripObj(1), "a").ok()); }
   const auto permit = [&](std::filesystem::perms perms) {
     for (const char* folder : {"/meshes", "/names", "/configs", "/tmp", ""}) {
