@@ -20,13 +20,14 @@ inline constexpr uint32_t kNoGroup = 0xFFFFFFFF;
 // Triangles, and where in the file they came from. Immutable once it is shared.
 //
 // Invariants: every index is below positions.size(); every coordinate is finite, also after `origin` is added;
-// triangles, faces and vertices are each fewer than 2^31.
+// triangles, faces and vertices are each fewer than 2^31; group names are valid UTF-8 without control characters.
 struct TriangleMesh {
   // Vertices relative to `origin`, rounded to float32.
   std::vector<Vec3f> positions;
   // Corners of the triangles, in the order of the file's faces. The index here is the primitive id.
   std::vector<std::array<uint32_t, 3>> indices;
-  // The point of the file's coordinates that positions are relative to: zero where all vertices fit float32 exactly.
+  // The point of the file's coordinates that positions are relative to. Zero where all vertices fit float32 exactly, and
+  // where the mesh is not far from zero for its size (see origin.h); else near the centre of the mesh.
   Vec3d origin;
   // Per triangle: the face (polygon) of the file that it came from. Empty: triangle i came from face i.
   std::vector<uint32_t> face_ids;

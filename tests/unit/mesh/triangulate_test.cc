@@ -137,28 +137,24 @@ Polygon RandomStar(int n, std::mt19937* random) {
   return polygon;
 }
 
-// A random walk on the grid's edges around a random tree of cells: simple, with many corners without a turn.
+// The outline of a random tree of the cells of a grid: simple, with many corners on a line.
 Polygon RandomGridPolygon(int cells, std::mt19937* random) {
-  std::set<std::pair<int, int>> inside = {{0, 0}};
-  std::vector<std::pair<int, int>> list = {{0, 0}};
-  static constexpr std::pair<int, int> kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
+  using Cell = std::pair<int, int>;
+  static constexpr Cell kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
+  std::set<Cell> inside = {{0, 0}};
+  std::vector<Cell> list = {{0, 0}};
   while (static_cast<int>(list.size()) < cells) {
-    const auto [x, y] = list[(*random)() % list.size()];
-    const auto [dx, dy] = kSteps[(*random)() % 4];
-    const std::pair<int, int> cell = {x + dx, y + dy};
-    // Only cells that touch nothing but the one they grow from, so that the outline has no hole and touches nowhere.
-    int touching = 0;
-    for (int i = -1; i <= 1; ++i) {
-      for (int j = -1; j <= 1; ++j) {
-        const bool beside_parent = std::max(std::abs(cell.first + i - x), std::abs(cell.second + j - y)) <= 1;
-        touching += inside.count({cell.first + i, cell.second + j}) > 0 && !beside_parent;
-        touching += inside.count(cell) > 0;
+    const Cell parent = list[(*random)() % list.size()], step = kSteps[(*random)() % 4];
+    const Cell cell = {parent.first + step.first, parent.second + step.second};
+    // It may touch no cell but its parent and, at a corner, those next to the parent: then the outline has no hole and
+    // touches itself nowhere.
+    bool fits = inside.count(cell) == 0;
+    for (int i = cell.first - 1; i <= cell.first + 1; ++i) {
+      for (int j = cell.second - 1; j <= cell.second + 1; ++j) {
+        if (std::abs(i - parent.first) + std::abs(j - parent.second) > 1) fits = fits && inside.count({i, j}) == 0;
       }
     }
-    const auto side = [&](int sign) {
-      return inside.count({x + dx + sign * dy, y + dy + sign * dx}) + inside.count({x + sign * dy, y + sign * dx});
-    };
-    if (touching > 0 || side(1) > 0 || side(-1) > 0) continue;
+    if (!fits) continue;
     inside.insert(cell);
     list.push_back(cell);
   }
@@ -169,9 +165,9 @@ Polygon RandomGridPolygon(int cells, std::mt19937* random) {
   const int start_x = x, start_y = y;
   const auto is_inside = [&](int right) {
     // The cell ahead, on the left or the right of the walk.
-    const auto [dx, dy] = kSteps[direction];
-    const int lx = right ? dy : -dy, ly = right ? -dx : dx;
-    return inside.count({x + (dx + lx - 1) / 2, y + (dy + ly - 1) / 2}) > 0;
+    const int dx = kSteps[direction].first, dy = kSteps[direction].second;
+    const int side_x = right ? dy : -dy, side_y = right ? -dx : dx;
+    return inside.count({x + (dx + side_x - 1) / 2, y + (dy + side_y - 1) / 2}) > 0;
   };
   do {
     polygon.push_back({static_cast<float>(x), static_cast<float>(y), 0});
