@@ -22,6 +22,7 @@ namespace deltaray {
 namespace {
 
 constexpr mode_t kFileMode = 0640;
+constexpr mode_t kFolderMode = 0750;
 // Where locks tell nothing, a temporary this old has no writer any more.
 constexpr time_t kAbandonedSeconds = 24 * 3600;
 
@@ -138,9 +139,13 @@ absl::Status WriteAll(const FileDescriptor& file, absl::string_view bytes, const
 
 absl::Status MakeFolder(const std::string& path) {
   std::error_code error;
-  const bool made = std::filesystem::create_directories(path, error);
-  if (error) return FileError(error.value(), "make folder", path);
-  return made ? SyncFolder(FolderOf(path)) : absl::OkStatus();
+  if (std::filesystem::is_directory(path, error)) return absl::OkStatus();
+  const std::string above = FolderOf(path);
+  if (absl::Status status = MakeFolder(above); !status.ok()) return status;
+  // Another server may make it at the same time.
+  if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return FileError(errno, "make folder", path);
+  if (!std::filesystem::is_directory(path, error)) return FileError(ENOTDIR, "make folder", path);
+  return SyncFolder(above);
 }
 
 absl::Status SyncFolder(const std::string& path) {
@@ -193,21 +198,20 @@ absl::Status TemporaryFile::MoveTo(const std::string& path) {
   return SyncFolder(FolderOf(path));
 }
 
+absl::StatusOr<FileDescriptor> TemporaryFile::TakeUnnamed() && {
+  if (unlink(path_.c_str()) != 0 && errno != ENOENT) return FileError(errno, "remove", path_);
+  path_.clear();
+  return std::move(file_);
+}
+
 absl::StatusOr<FileDescriptor> CreateUnnamedFile(const std::string& folder) {
   FileDescriptor file(Retry([&] { return open(folder.c_str(), O_TMPFILE | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode); }));
   if (file.IsOpen()) return file;
   // NFS, FUSE and others have no O_TMPFILE.
   if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) return FileError(errno, "create a file in", folder);
-  for (;;) {
-    const std::string path = absl::StrCat(folder, "/", RandomFileName());
-    file = FileDescriptor(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
-    if (!file.IsOpen()) {
-      if (errno == EEXIST) continue;
-      return FileError(errno, "create", path);
-    }
-    if (unlink(path.c_str()) != 0 && errno != ENOENT) return FileError(errno, "remove", path);
-    return file;
-  }
+  absl::StatusOr<TemporaryFile> temporary = TemporaryFile::Create(folder);
+  if (!temporary.ok()) return temporary.status();
+  return std::move(*temporary).TakeUnnamed();
 }
 
 size_t RemoveAbandonedFiles(const std::string& folder) {

@@ -74,6 +74,8 @@ class TemporaryFile {
   absl::Status Sync();
   // Moves the file to `path`, in place of what may be there. After an error either may be there.
   absl::Status MoveTo(const std::string& path);
+  // Takes the name away, and gives the file, still locked: a network file system may keep an open file under a name.
+  absl::StatusOr<FileDescriptor> TakeUnnamed() &&;
 
  private:
   TemporaryFile(FileDescriptor file, std::string path) : file_(std::move(file)), path_(std::move(path)) {}

@@ -131,6 +131,8 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     if (!files.mesh && !FindWhole(id)) {
       if (absl::Status status = files.PrepareMesh(upload, directory_); !status.ok()) return status;
     }
+    if (upload.cancelled && upload.cancelled()) return absl::CancelledError("the upload was cancelled");
+
     MutexLock disk_lock(disk_mutex_);
     std::shared_ptr<MeshEntry> entry = FindWhole(id);
     if (!entry && !files.mesh) continue;  // deleted since
@@ -261,16 +263,18 @@ absl::Status Store::RemoveMeshFiles(const std::string& id) {
 
 absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& config) {
   if (absl::Status status = Validate(config); !status.ok()) return status;
+  std::string id;
   {
     MutexLock disk_lock(disk_mutex_);
     const absl::StatusOr<Stored> stored = Find(mesh);
     if (!stored.ok()) return stored.status();
+    id = stored->entry->id();
     absl::StatusOr<TemporaryFile> file = directory_.Prepare(EncodeConfig(config));
     if (!file.ok()) return file.status();
-    if (absl::Status status = file->MoveTo(directory_.ConfigPath(stored->entry->id())); !status.ok()) return status;
+    if (absl::Status status = file->MoveTo(directory_.ConfigPath(id)); !status.ok()) return status;
     stored->entry->Rebuild(config, nullptr);
   }
-  return Get(mesh);
+  return Get(id);
 }
 
 void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) {

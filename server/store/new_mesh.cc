@@ -63,8 +63,7 @@ absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions
   // As the file keeps it, so that it is the same after a restart.
   upload.info.created = std::chrono::floor<std::chrono::microseconds>(std::chrono::system_clock::now());
   upload.info.stored_bytes = MeshFileBytes(upload.digest, upload.info);
-
-  if (options.read.cancelled && options.read.cancelled()) return absl::CancelledError("the upload was cancelled");
+  upload.cancelled = options.read.cancelled;
   return upload;
 }
 

@@ -3,6 +3,7 @@
 #ifndef SERVER_STORE_NEW_MESH_H_
 #define SERVER_STORE_NEW_MESH_H_
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,6 +25,7 @@ struct NewMesh {
   MeshInfo info;     // with id, without config
   std::string name;  // empty: none
   std::optional<Config> config;
+  std::function<bool()> cancelled;  // may be null
 };
 
 // Checks what arrived against what was announced, and reads it. Errors are those of ReadMesh, and INVALID_ARGUMENT for

@@ -78,6 +78,31 @@ TEST(DurableFileTest, AnUnnamedFileIsSeenByNobody) {
   EXPECT_THAT(FilesIn(directory.path()), IsEmpty());
 }
 
+TEST(DurableFileTest, ATemporaryCanLoseItsNameAndStaysLocked) {
+  ScratchDirectory directory;
+  absl::StatusOr<TemporaryFile> file = TemporaryFile::Create(directory.path());
+  ASSERT_TRUE(file.ok());
+  const std::string path = directory.path() + "/" + *FilesIn(directory.path()).begin();
+  std::filesystem::create_hard_link(path, path + "x");  // as a network file system keeps what is open
+  absl::StatusOr<FileDescriptor> unnamed = std::move(*file).TakeUnnamed();
+  ASSERT_TRUE(unnamed.ok()) << unnamed.status();
+  EXPECT_FALSE(std::filesystem::exists(path));
+  EXPECT_EQ(RemoveAbandonedFiles(directory.path()), 0u);
+  EXPECT_TRUE(WriteAll(*unnamed, "abc", path).ok());
+  unnamed = FileDescriptor();
+  EXPECT_EQ(RemoveAbandonedFiles(directory.path()), 1u);
+}
+
+TEST(DurableFileTest, MakesFoldersAboveToo) {
+  ScratchDirectory directory;
+  EXPECT_TRUE(MakeFolder(directory.path() + "/a/b/c/").ok());
+  EXPECT_TRUE(std::filesystem::is_directory(directory.path() + "/a/b/c"));
+  EXPECT_TRUE(MakeFolder(directory.path() + "/a/b/c").ok());
+  WriteFile(directory.path() + "/file", "");
+  EXPECT_FALSE(MakeFolder(directory.path() + "/file").ok());
+  EXPECT_FALSE(MakeFolder(directory.path() + "/file/below").ok());
+}
+
 TEST(DurableFileTest, AFullDiskIsResourceExhausted) {
   const FileDescriptor full(open("/dev/full", O_WRONLY | O_CLOEXEC));
   ASSERT_TRUE(full.IsOpen());

@@ -146,6 +146,9 @@ TEST(MeshStoreTest, UploadsAreCheckedAgainstWhatWasAnnounced) {
   options = {};
   options.read.cancelled = [] { return true; };
   EXPECT_EQ(commit(options).code(), absl::StatusCode::kCancelled);
+  // Also where it is cancelled when the mesh's file is written already.
+  options.read.cancelled = [&] { return !FilesIn(directory.path()).empty(); };
+  EXPECT_EQ(commit(options).code(), absl::StatusCode::kCancelled);
   options = {};
   options.read.format = MeshFormat::kRaw;  // of another size
   EXPECT_EQ(commit(options).code(), absl::StatusCode::kInvalidArgument);
