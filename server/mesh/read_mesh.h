@@ -50,8 +50,8 @@ struct ReadMeshResult {
 // INVALID_ARGUMENT for what is malformed; RESOURCE_EXHAUSTED for what is over a limit, with the limit's name and value,
 // or where memory does not suffice; CANCELLED. Thread-safe.
 //
-// Coordinates are read as float64, rounded right, and have to be in the range of float32. Stored are float32 relative to
-// an origin. It is zero where all coordinates are exact in float32, or none is farther from zero than 16 times the
+// Coordinates are read as float64, rounded right, and have to be in the range of float32. Stored are float32 relative
+// to an origin. It is zero where all coordinates are exact in float32, or none is farther from zero than 16 times the
 // mesh's extent: then rounding moves no vertex by more than 2^-20 of the extent. Else it is near the mesh's centre, a
 // multiple of a power of two in each coordinate. float32 arrays keep their values in any case, and -0 becomes +0.
 absl::StatusOr<ReadMeshResult> ReadMesh(std::span<const char> bytes, const ReadMeshOptions& options);
