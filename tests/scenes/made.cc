@@ -60,9 +60,10 @@ TriangleMesh City(uint32_t blocks, uint32_t cables, uint64_t seed) {
 TriangleMesh Soup(uint32_t triangles, uint64_t seed) {
   TriangleMesh mesh;
   Random random(seed);
+  const double largest = 22 / std::sqrt(triangles);
   for (uint32_t i = 0; i < triangles; ++i) {
     const Vec3d centre = random.InUnitBox();
-    const double size = random.LogUniform(2e-4, 0.2);
+    const double size = random.LogUniform(1e-3 * largest, largest);
     const Vec3d a = centre + size * random.OnUnitSphere();
     const Vec3d b = centre + size * random.OnUnitSphere();
     const Vec3d c = centre + size * random.OnUnitSphere();

@@ -2,7 +2,7 @@
 # Columns: 1 experiment, 2 scene, 3 engine, 4 alpha, 5 delta, 6-8 build seconds (median, low, high), 9-11 render seconds,
 # 12 build_relative, 13 render_speedup.
 set datafile separator ','
-set terminal svg size 640,400 font 'sans-serif,12' background 'white'
+set terminal svg noenhanced size 640,400 font 'sans-serif,12' background 'white'
 set grid ytics linecolor '#dddddd'
 set border 3
 set tics nomirror
@@ -12,7 +12,7 @@ data = 'results/paper.csv'
 of(name, column) = strcol(1) eq name ? column : NaN
 
 set output 'charts/figure_1.svg'
-set title 'Figure 1: render time against α (bunny, 640 × 480, [Tang 2015] as printed, δ = 32)'
+set title 'Figure 1: render time against α (bunny, δ = 32, as printed)'
 set xlabel 'α'
 set ylabel 'CPU seconds'
 set yrange [0:*]
@@ -36,5 +36,4 @@ set boxwidth 0.7
 set key off
 set xtics rotate by -30
 set yrange [0:*]
-plot data using (of('table_4', $0)):(1 / $13):xtic(strcol(1) eq 'table_4' ? strcol(2).' '.strcol(3) : '') \
-     every ::1 with boxes linecolor '#4477aa'
+plot "< grep '^table_4' results/paper.csv" using 0:(1 / $13):xtic(strcol(2).' '.strcol(3)) with boxes linecolor '#4477aa'
