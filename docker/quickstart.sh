@@ -67,6 +67,6 @@ step "Build statistics"
 deltaray stats bunny
 
 step "Picture"
-deltaray render bunny --width 640 --height 480 --output "$picture"
+deltaray render bunny --size 640x480 --wait-final --output "$picture"
 
 step "Done: $PWD/$picture"

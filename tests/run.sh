@@ -33,9 +33,9 @@ case "$sanitize" in
     ;;
   thread)
     build="$root/build-thread"
-    bash "$root/tests/sanitizers/build_tbb.sh" "$build/tbb"
+    bash "$root/tests/sanitizers/build_libraries.sh" "$build/libraries"
     options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=ON "-DDELTARAY_SANITIZE=$sanitize"
-      -DTBB_DIR="$build/tbb/install/lib/cmake/TBB")
+      -DCMAKE_EXE_LINKER_FLAGS="-Wl,--disable-new-dtags,-rpath,$build/libraries/lib")
     export TSAN_OPTIONS="suppressions=$root/tests/sanitizers/tsan.supp second_deadlock_stack=1 ${TSAN_OPTIONS:-}"
     # ThreadSanitizer cannot map its shadow memory where the kernel spreads addresses too widely.
     if setarch -R true 2>/dev/null; then run=(setarch -R); fi

@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# usage: command_line.sh BIN
+# Exit codes and messages that scripts rely on: 0, 1 local failure, 2 usage, 64 + gRPC code.
+source "$(dirname "${BASH_SOURCE[0]}")/server.sh"
+
+# expect_refused CODE COMMAND...: as expect, and standard error says why.
+expect_refused() {
+  expect "$@"
+  [ -s "$scratch/err" ] || fail "no reason on standard error: ${*:2}"
+}
+
+start_server
+
+expect_refused 2 timeout 20 "$bin/deltarayd" --no-such-flag
+expect_refused 2 timeout 20 "$bin/deltarayd" --threads many
+# Open to other machines only where that is meant.
+expect_refused 2 timeout 20 "$bin/deltarayd" --listen 0.0.0.0:0 --data-dir "$scratch/other"
+expect_refused 1 timeout 20 "$bin/deltarayd" --listen "$address" --data-dir "$scratch/other"
+expect_text "$scratch/err" "$address"
+expect_refused 1 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir /dev/null/data
+expect 0 "$bin/deltarayd" --help
+expect_text "$scratch/out" 'Examples?:'
+
+expect_refused 2 client
+expect_refused 2 client no-such-command
+expect_refused 2 client upload
+expect_refused 2 client cast mesh --columns nonsense
+expect_refused 2 client render mesh --size 640 -o "$scratch/x.png"
+for command in upload list show watch stats cast render delete; do
+  expect 0 client "$command" --help
+  expect_text "$scratch/out" 'Examples?:'
+done
+
+expect_refused 1 client upload "$scratch/no-such-file.obj"
+expect_refused 1 client cast mesh "$scratch/no-such-rays.csv"
+expect_refused 67 client upload --format obj - <<<'f 1 2 3'
+expect_text "$scratch/err" 'line 1'
+expect_refused 69 client show no-such-mesh
+expect_text "$scratch/err" 'no-such-mesh'
+expect_refused 69 client delete no-such-mesh
+stop_server
+expect_refused 78 client --timeout 5 list
+[ ! -s "$scratch/out" ] || fail "an error on standard output"
