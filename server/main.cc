@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/service/listen_address.h"
 #include "server/service/server.h"
+#include "spdlog/sinks/stdout_color_sinks.h"
 #include "spdlog/spdlog.h"
 
 namespace deltaray {
@@ -170,6 +171,7 @@ int Main(int argc, char** argv) {
     return kUsage;
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));
+  spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   return Run(flags);
 }
