@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # usage: quickstart.sh
 # From a clone to a picture: installs what is missing, builds, starts a server on a free port of this machine, uploads
-# the bunny, follows the build of its tree, prints the statistics, and casts the rays of a picture to ./bunny.png. The
+# the bunny, follows the build of its tree, casts the rays of a picture to ./bunny.png, and prints the statistics. The
 # server and its data are gone when this ends, however it ends.
 set -euo pipefail
 
@@ -63,10 +63,10 @@ deltaray upload --name bunny "$mesh"
 step "Build of the tree"
 deltaray watch bunny
 
-step "Build statistics"
-deltaray stats bunny
-
 step "Picture"
 deltaray render bunny --size 640x480 --wait-final --output "$picture"
+
+step "Build statistics"
+deltaray stats bunny
 
 step "Done: $PWD/$picture"
