@@ -52,21 +52,20 @@ struct SpatialBin {
 void AddParts(const Reference& reference, const Triangle& triangle, const Planes& planes, int axis, int first, int last,
               std::array<SpatialBin, kBins>& bins) {
   std::array<Bounds, kBins> parts;
-  const Vec3f* const corners[] = {&triangle.v0, &triangle.v1, &triangle.v2};
+  const Vec3f corners[] = {triangle.v0, triangle.v1, triangle.v2};
   for (int i = 0; i < 3; ++i) {
-    const Vec3f* a = corners[i];
-    const Vec3f* b = corners[(i + 1) % 3];
-    const float corner = (*a)[axis];
-    if (corner >= planes.planes[first] && corner <= planes.planes[last + 1]) {
-      parts[std::min(planes.BinAt(corner), last)].Extend(*a);
+    const Vec3f& corner = corners[i];
+    if (corner[axis] >= planes.planes[first] && corner[axis] <= planes.planes[last + 1]) {
+      parts[std::min(planes.BinAt(corner[axis]), last)].Extend(corner);
     }
-    if ((*a)[axis] > (*b)[axis]) std::swap(a, b);
-    for (int plane = first; plane <= last + 1; ++plane) {
+    const Vec3f& next = corners[i == 2 ? 0 : i + 1];
+    const Vec3f& a = corner[axis] <= next[axis] ? corner : next;
+    const Vec3f& b = corner[axis] <= next[axis] ? next : corner;
+    const Vec3f along = (1 / (b[axis] - a[axis])) * (b - a);
+    for (int plane = first; plane <= last + 1 && planes.planes[plane] < b[axis]; ++plane) {
       const float position = planes.planes[plane];
-      if ((*a)[axis] > position || (*b)[axis] <= position) continue;
-      const float f = (position - (*a)[axis]) / ((*b)[axis] - (*a)[axis]);
-      Vec3f point = *a + f * (*b - *a);
-      point[axis] = position;
+      if (position < a[axis]) continue;
+      const Vec3f point = a + (position - a[axis]) * along;
       if (plane > first) parts[plane - 1].Extend(point);
       if (plane <= last) parts[plane].Extend(point);
     }
