@@ -1,0 +1,405 @@
+#include "server/build/build.h"
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <future>
+#include <limits>
+#include <new>
+#include <numeric>
+#include <string>
+#include <thread>
+#include <tuple>
+
+#include "gtest/gtest.h"
+#include "server/tree/kd_tree.h"
+#include "server/tree/provisional_tree.h"
+#include "tests/scenes/made.h"
+#include "tests/scenes/pathological.h"
+#include "tests/unit/build/checks.h"
+
+namespace deltaray {
+namespace {
+
+using std::chrono::milliseconds;
+using Clock = std::chrono::steady_clock;
+
+constexpr Builder kBuilders[] = {Builder::kHybrid, Builder::kKdTree, Builder::kBvh, Builder::kSbvh, Builder::kTang2015};
+
+std::shared_ptr<const TriangleMesh> Shared(TriangleMesh mesh) {
+  return std::make_shared<const TriangleMesh>(std::move(mesh));
+}
+
+std::shared_ptr<Build> Start(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
+                             uint32_t threads = 2, std::function<void()> on_delta_leaf = nullptr) {
+  EXPECT_TRUE(Validate(config).ok());
+  return Build::Start(mesh, {.config = config, .threads = threads, .on_delta_leaf = std::move(on_delta_leaf)});
+}
+
+std::shared_ptr<const Tree> BuildNow(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
+                                     uint32_t threads = 2) {
+  const std::shared_ptr<Build> build = Start(mesh, config, threads);
+  const absl::Status status = build->WaitDone();
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_TRUE(build->snapshot()->final);
+  return build->snapshot()->tree;
+}
+
+const BvhArrays& ArraysOf(const Tree& tree) { return dynamic_cast<const Bvh&>(tree).arrays(); }
+
+void ExpectSameBytes(const BvhArrays& a, const BvhArrays& b) {
+  ASSERT_EQ(a.nodes.size(), b.nodes.size());
+  EXPECT_EQ(std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(BvhNode)), 0);
+  EXPECT_EQ(a.references, b.references);
+}
+
+// Lets δ-leaves through one by one once opened; until then the build stands still.
+class Gate {
+ public:
+  void Open() { open_ = true; }
+  std::function<void()> Pass() {
+    return [this] {
+      ++waiting_;
+      while (!open_) std::this_thread::sleep_for(milliseconds(1));
+    };
+  }
+  int waiting() const { return waiting_; }
+
+ private:
+  std::atomic<bool> open_{false};
+  std::atomic<int> waiting_{0};
+};
+
+class BuildSceneTest : public testing::TestWithParam<PathologicalScene> {
+ protected:
+  const std::shared_ptr<const TriangleMesh> mesh_ =
+      Shared(GetParam().make(std::min<uint32_t>(GetParam().full_size, 100)));
+  const std::vector<Ray> rays_ = TestRays(*mesh_, 10, 1);
+  const Answers expected_{BruteForce(mesh_->triangles()), rays_};
+};
+
+INSTANTIATE_TEST_SUITE_P(Scenes, BuildSceneTest, testing::ValuesIn(PathologicalScenes()),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+TEST_P(BuildSceneTest, EveryBuilderAnswersLikeBruteForce) {
+  for (const Builder builder : kBuilders) {
+    const auto tree = BuildNow(mesh_, MakeConfig(builder, Preset::kBalanced));
+    EXPECT_TRUE(Answers(*tree, rays_) == expected_) << static_cast<int>(builder);
+    // The boxes of a kd-tree are cells, and those of [Tang 2015] reach out of theirs.
+    if (builder == Builder::kKdTree || builder == Builder::kTang2015) continue;
+    CheckBvh(ArraysOf(*tree), mesh_->triangles());
+  }
+}
+
+TEST_P(BuildSceneTest, EveryDeltaAndPresetAnswersLikeBruteForce) {
+  for (const Preset preset : {Preset::kFast, Preset::kBest}) {
+    EXPECT_TRUE(Answers(*BuildNow(mesh_, MakeConfig(Builder::kHybrid, preset)), rays_) == expected_);
+  }
+  for (const uint32_t delta : {1, 8, 32, 256}) {
+    for (const bool lazy : {false, true}) {
+      Config config;
+      config.delta = delta;
+      config.lazy = lazy;
+      EXPECT_TRUE(Answers(*BuildNow(mesh_, config), rays_) == expected_) << delta;
+    }
+  }
+}
+
+TEST_P(BuildSceneTest, AnswersAreTheSameBeforeWhileAndAfterDeltaLeavesAreBuilt) {
+  Gate gate;
+  const std::shared_ptr<Build> build = Start(mesh_, Config(), 2, gate.Pass());
+  ASSERT_TRUE(build->WaitProvisional().ok());
+  const auto provisional = build->snapshot();
+  EXPECT_TRUE(Answers(*provisional->tree, rays_) == expected_);
+  gate.Open();
+  while (build->progress().phase != BuildPhase::kDone) EXPECT_TRUE(Answers(*provisional->tree, rays_) == expected_);
+  ASSERT_TRUE(build->WaitDone().ok());
+  EXPECT_TRUE(build->snapshot()->final);
+  EXPECT_TRUE(Answers(*build->snapshot()->tree, rays_) == expected_);
+  // The old snapshot lives as long as it is held.
+  EXPECT_TRUE(Answers(*provisional->tree, rays_) == expected_);
+}
+
+TEST(BuildTest, RaysAreAnsweredBeforeTheFirstDeltaLeafIsBuilt) {
+  const auto mesh = Shared(City(20, 100));
+  Gate gate;
+  const std::shared_ptr<Build> build = Start(mesh, Config(), 2, gate.Pass());
+  ASSERT_TRUE(build->WaitProvisional().ok());
+  ASSERT_FALSE(build->snapshot()->final);
+  const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 200, 1);
+  const Answers before(*build->snapshot()->tree, rays);
+  EXPECT_EQ(build->progress().delta_leaves_built, 0u);
+  EXPECT_EQ(build->statistics().total_seconds, 0);
+  EXPECT_GT(build->statistics().provisional_seconds, 0);
+  gate.Open();
+  ASSERT_TRUE(build->WaitDone().ok());
+  EXPECT_TRUE(Answers(*build->snapshot()->tree, rays) == before);
+}
+
+class BuildBuilderTest : public testing::TestWithParam<Builder> {};
+
+std::string NameOf(const testing::TestParamInfo<Builder>& info) {
+  constexpr const char* kNames[] = {"Hybrid", "KdTree", "Bvh", "Sbvh", "Tang2015"};
+  return kNames[static_cast<size_t>(info.param)];
+}
+INSTANTIATE_TEST_SUITE_P(Builders, BuildBuilderTest, testing::ValuesIn(kBuilders), NameOf);
+
+TEST_P(BuildBuilderTest, GivesTheSameBytesForAnyNumberOfThreads) {
+  const auto mesh = Shared(Soup(10'000));
+  const Config config = MakeConfig(GetParam(), Preset::kBalanced);
+  const auto one = BuildNow(mesh, config, 1);
+  for (const uint32_t threads : {2, 4}) {
+    const auto more = BuildNow(mesh, config, threads);
+    if (GetParam() != Builder::kKdTree) {
+      ExpectSameBytes(ArraysOf(*one), ArraysOf(*more));
+      continue;
+    }
+    const KdArrays& a = dynamic_cast<const KdTree&>(*one).arrays();
+    const KdArrays& b = dynamic_cast<const KdTree&>(*more).arrays();
+    ASSERT_EQ(a.nodes.size(), b.nodes.size());
+    EXPECT_EQ(std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(KdNode)), 0);
+    EXPECT_EQ(a.references, b.references);
+  }
+}
+
+TEST_P(BuildBuilderTest, CityStaysWithinItsBudget) {
+  const auto mesh = Shared(City(30, 800));
+  const Config config = MakeConfig(GetParam(), Preset::kBalanced);
+  const std::shared_ptr<Build> build = Start(mesh, config);
+  ASSERT_TRUE(build->WaitDone().ok());
+  const BuildStatistics statistics = build->statistics();
+  EXPECT_EQ(statistics.triangles, mesh->indices.size());
+  EXPECT_GE(statistics.shape.references, statistics.triangles);
+  EXPECT_LE(statistics.shape.references, (1 + config.duplication_budget) * static_cast<double>(mesh->indices.size()));
+}
+
+TEST_P(BuildBuilderTest, TellsWhatItDid) {
+  const auto mesh = Shared(Soup(5000));
+  const std::shared_ptr<Build> build = Start(mesh, MakeConfig(GetParam(), Preset::kBalanced), 3);
+  ASSERT_TRUE(build->WaitDone().ok());
+  const BuildStatistics s = build->statistics();
+  EXPECT_EQ(s.config.builder, GetParam());
+  EXPECT_EQ(s.threads, 3u);
+  EXPECT_EQ(s.triangles, 5000u);
+  EXPECT_GT(s.total_seconds, 0);
+  EXPECT_GT(s.provisional_seconds, 0);
+  EXPECT_LE(s.provisional_seconds, s.total_seconds);
+  EXPECT_GE(s.peak_build_bytes, 5000 * sizeof(Reference));
+  EXPECT_GT(s.shape.sah_cost, 0);
+  EXPECT_GT(s.shape.nodes, s.shape.leaves);
+  EXPECT_GT(s.spatial_splits + s.object_splits, 0u);
+  double wall_seconds = 0;
+  for (const PhaseTime& phase : s.phases) {
+    wall_seconds += phase.wall_seconds;
+    EXPECT_GT(phase.cpu_seconds, 0);
+  }
+  EXPECT_GT(wall_seconds, 0);
+  EXPECT_LE(wall_seconds, s.total_seconds);
+  EXPECT_EQ(s.delta_leaves_built, s.delta_leaves);
+  EXPECT_EQ(std::accumulate(s.delta_leaf_size_histogram.begin(), s.delta_leaf_size_histogram.end(), uint64_t{0}),
+            s.delta_leaves);
+  const bool has_delta_leaves = GetParam() == Builder::kHybrid || GetParam() == Builder::kTang2015;
+  EXPECT_EQ(s.delta_leaves > 0, has_delta_leaves);
+  if (GetParam() == Builder::kHybrid) {
+    EXPECT_EQ(std::accumulate(s.candidate_wins.begin(), s.candidate_wins.end(), uint64_t{0}), s.delta_leaves);
+  }
+
+  const BuildProgress progress = build->progress();
+  EXPECT_EQ(progress.phase, BuildPhase::kDone);
+  EXPECT_EQ(progress.triangles, 5000u);
+  EXPECT_GE(progress.references_placed, 5000u);
+  EXPECT_EQ(progress.elapsed_seconds, s.total_seconds);
+}
+
+// The quickest of some tries, since other work on the machine may delay any one of them.
+TEST_P(BuildBuilderTest, IsCancelledWithin100Milliseconds) {
+  static const auto mesh = Shared(Terrain(500, 500));
+  auto least = Clock::duration::max();
+  for (const int delay : {0, 5, 20, 60, 100}) {
+    const std::shared_ptr<Build> build = Start(mesh, MakeConfig(GetParam(), Preset::kBest));
+    std::this_thread::sleep_for(milliseconds(delay));
+    const auto start = Clock::now();
+    build->Cancel();
+    const absl::Status status = build->WaitDone();
+    least = std::min(least, Clock::now() - start);
+    EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
+    EXPECT_TRUE(build->snapshot() == nullptr || !build->snapshot()->final);
+  }
+  EXPECT_LT(least, milliseconds(100));
+}
+
+// A power of two scales every number without rounding.
+TEST_P(BuildBuilderTest, ScalingTheMeshScalesTheTree) {
+  const TriangleMesh mesh = Soup(3000);
+  // Printed, [Tang 2015] adds areas relative to the mesh to distances that are not.
+  if (GetParam() == Builder::kTang2015) GTEST_SKIP() << "depends on the mesh's unit by design";
+  const Config config = MakeConfig(GetParam(), Preset::kBalanced);
+  const auto tree = BuildNow(Shared(mesh), config);
+  for (const int exponent : {-40, 7, 60}) {
+    TriangleMesh scaled = mesh;
+    for (Vec3f& position : scaled.positions) position = std::ldexp(1.0f, exponent) * position;
+    const auto scaled_tree = BuildNow(Shared(scaled), config);
+    EXPECT_EQ(tree->Shape().sah_cost, scaled_tree->Shape().sah_cost);
+    if (GetParam() == Builder::kKdTree) {
+      const auto& arrays = dynamic_cast<const KdTree&>(*tree).arrays();
+      EXPECT_EQ(arrays.references, dynamic_cast<const KdTree&>(*scaled_tree).arrays().references);
+      continue;
+    }
+    BvhArrays arrays = ArraysOf(*tree);
+    for (BvhNode& node : arrays.nodes) {
+      node.bounds.min = std::ldexp(1.0f, exponent) * node.bounds.min;
+      node.bounds.max = std::ldexp(1.0f, exponent) * node.bounds.max;
+    }
+    ExpectSameBytes(arrays, ArraysOf(*scaled_tree));
+  }
+}
+
+TEST(BuildTest, TheHybridIsAsGoodAsTheSbvh) {
+  for (const auto& mesh : {Shared(City(25, 600)), Shared(Soup(10'000))}) {
+    const double hybrid = BuildNow(mesh, Config())->Shape().sah_cost;
+    const double sbvh = BuildNow(mesh, MakeConfig(Builder::kSbvh, Preset::kBalanced))->Shape().sah_cost;
+    EXPECT_LE(hybrid, 1.03 * sbvh);
+  }
+}
+
+TEST(BuildTest, LazyDeltaLeavesAreBuiltAsRaysReachThem) {
+  const auto mesh = Shared(Terrain(60, 60));
+  Config config;
+  config.lazy = true;
+  std::shared_ptr<const TreeSnapshot> snapshot;
+  std::vector<Ray> rays = CameraRays(MeshBounds(*mesh), 20, 20);
+  const Answers expected(BruteForce(mesh->triangles()), rays);
+  {
+    const std::shared_ptr<Build> build = Start(mesh, config);
+    ASSERT_TRUE(build->WaitDone().ok());
+    snapshot = build->snapshot();
+    EXPECT_TRUE(snapshot->final);
+    EXPECT_EQ(build->progress().delta_leaves_built, 0u);
+
+    // One ray reaches few of them.
+    std::vector<Hit> hits(1);
+    snapshot->tree->ClosestHits(std::span(rays).subspan(210, 1), {}, hits);
+    const uint64_t reached = build->progress().delta_leaves_built;
+    EXPECT_GT(reached, 0u);
+    EXPECT_LT(reached, build->progress().delta_leaves / 2);
+    const BuildStatistics statistics = build->statistics();
+    EXPECT_EQ(statistics.delta_leaves_built, reached);
+    EXPECT_EQ(std::accumulate(statistics.candidate_wins.begin(), statistics.candidate_wins.end(), uint64_t{0}),
+              reached);
+    EXPECT_EQ(statistics.phases.size(), 3u);  // references, top, δ-leaves so far
+    EXPECT_GT(statistics.total_seconds, 0);
+  }
+  // The build is gone; the tree goes on, from many threads.
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 4; ++i) {
+    threads.emplace_back([&] { EXPECT_TRUE(Answers(*snapshot->tree, rays) == expected); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_GT(dynamic_cast<const ProvisionalTree&>(*snapshot->tree).delta_leaves_built(), 10u);
+}
+
+TEST(BuildTest, SnapshotsOutliveTheBuildAndTheMesh) {
+  std::shared_ptr<const TreeSnapshot> snapshot;
+  {
+    const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config());
+    ASSERT_TRUE(build->WaitDone().ok());
+    snapshot = build->snapshot();
+  }
+  const std::shared_ptr<const Tree> tree = snapshot->tree;
+  const std::weak_ptr<const TriangleMesh> mesh = snapshot->mesh;
+  snapshot = nullptr;
+  EXPECT_FALSE(mesh.expired()) << "the tree lost its mesh";
+  const std::vector<Ray> rays = ChordRays({{0, 0, 0}, {1, 1, 1}}, 100, 1);
+  EXPECT_TRUE(Answers(*tree, rays) == Answers(BruteForce(mesh.lock()->triangles()), rays));
+}
+
+TEST(BuildTest, DestroyingARunningBuildCancelsIt) {
+  const auto mesh = Shared(Soup(3000));
+  std::atomic<int> running{0}, begun{0};
+  {
+    const std::shared_ptr<Build> build = Start(mesh, Config(), 2, [&] {
+      ++begun;
+      ++running;
+      std::this_thread::sleep_for(milliseconds(2));
+      --running;
+    });
+    ASSERT_TRUE(build->WaitProvisional().ok());
+    while (begun == 0) std::this_thread::yield();
+  }
+  EXPECT_EQ(running, 0);
+  const int begun_by_then = begun;
+  std::this_thread::sleep_for(milliseconds(20));
+  EXPECT_EQ(begun, begun_by_then);
+}
+
+TEST(BuildTest, CallbacksComeOnceEach) {
+  Gate gate;
+  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config(), 2, gate.Pass());
+  std::promise<absl::Status> provisional, final;
+  std::atomic<bool> final_came{false};
+  build->OnSnapshot(false, [&](absl::Status status) { provisional.set_value(status); });
+  build->OnSnapshot(true, [&](absl::Status status) {
+    final_came = true;
+    final.set_value(status);
+  });
+  EXPECT_TRUE(provisional.get_future().get().ok());
+  EXPECT_NE(build->snapshot(), nullptr);
+  EXPECT_FALSE(final_came);
+  gate.Open();
+  EXPECT_TRUE(final.get_future().get().ok());
+  EXPECT_TRUE(build->snapshot()->final);
+  // From now on at once.
+  int calls = 0;
+  for (const bool wants_final : {false, true}) build->OnSnapshot(wants_final, [&](absl::Status) { ++calls; });
+  EXPECT_EQ(calls, 2);
+}
+
+TEST(BuildTest, CallbacksHearOfCancellation) {
+  Gate gate;
+  const std::shared_ptr<Build> build = Start(Shared(Soup(2000)), Config(), 1, gate.Pass());
+  std::promise<absl::Status> final;
+  build->OnSnapshot(true, [&](absl::Status status) { final.set_value(status); });
+  ASSERT_TRUE(build->WaitProvisional().ok());
+  build->Cancel();
+  gate.Open();
+  EXPECT_EQ(final.get_future().get().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(build->WaitDone().code(), absl::StatusCode::kCancelled);
+  // What there was still answers.
+  EXPECT_TRUE(build->WaitProvisional().ok());
+  EXPECT_FALSE(build->snapshot()->final);
+}
+
+TEST(BuildTest, ACallbackMayDropTheLastReference) {
+  for (const bool final : {false, true}) {
+    std::shared_ptr<Build> build = Start(Shared(Soup(3000)), Config());
+    std::promise<void> dropped;
+    auto holder = std::make_shared<std::shared_ptr<Build>>(build);
+    Build* const raw = build.get();
+    build = nullptr;
+    raw->OnSnapshot(final, [&dropped, holder](absl::Status) {
+      *holder = nullptr;
+      dropped.set_value();
+    });
+    holder = nullptr;
+    dropped.get_future().wait();
+  }
+}
+
+TEST(BuildTest, CancelAfterTheEndDoesNothing) {
+  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config());
+  ASSERT_TRUE(build->WaitDone().ok());
+  build->Cancel();
+  EXPECT_TRUE(build->WaitDone().ok());
+  EXPECT_TRUE(build->snapshot()->final);
+}
+
+TEST(BuildTest, LackOfMemoryIsAStatus) {
+  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config(), 2, [] { throw std::bad_alloc(); });
+  const absl::Status status = build->WaitDone();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(status.message(), "not enough memory to build the tree of 500 triangles");
+}
+
+}  // namespace
+}  // namespace deltaray

@@ -1,0 +1,81 @@
+#include "server/build/delta_leaf_tasks.h"
+
+#include <atomic>
+#include <thread>
+
+#include "gtest/gtest.h"
+#include "tests/unit/build/checks.h"
+
+namespace deltaray {
+namespace {
+
+// A top of `count` δ-leaves in a row, of one reference each.
+SplitTree Row(uint32_t count, BuildContext& context) {
+  SplitTree top{{}, ReferenceArray(count, context)};
+  top.references.set_size(count);
+  for (uint32_t i = 0; i < count; ++i) {
+    top.references.data()[i] = {Bounds{{0, 0, 0}, {1, 1, 1}}, i};
+    if (i + 1 < count) top.nodes.push_back({Bounds{{0, 0, 0}, {1, 1, 1}}, 2 * i + 2, 0});
+    top.nodes.push_back({Bounds{{0, 0, 0}, {1, 1, 1}}, i, 1});
+  }
+  return top;
+}
+
+BvhArrays OneLeaf(std::span<const Reference> references, const Bounds&) {
+  return {{{references[0].bounds, 0, 1}}, {references[0].primitive}};
+}
+
+struct Tasks {
+  std::shared_ptr<BuildContext> context = std::make_shared<BuildContext>();
+  std::atomic<int> built{0};
+  ProvisionalTree tree;
+  DeltaLeafTasks tasks;
+
+  explicit Tasks(uint32_t count, std::function<void()> on_delta_leaf = nullptr)
+      : tree(TrianglesView(), ToBvhArrays(Row(count, *context))),
+        tasks(
+            Row(count, *context),
+            [this](std::span<const Reference> references, const Bounds& bounds) {
+              ++built;
+              return OneLeaf(references, bounds);
+            },
+            std::move(on_delta_leaf), context) {}
+};
+
+TEST(DeltaLeafTasksTest, AllAreBuilt) {
+  Tasks tasks(1000);
+  EXPECT_TRUE(tasks.tasks.BuildAndPublishAll(tasks.tree).ok());
+  EXPECT_EQ(tasks.built, 1000);
+  EXPECT_EQ(tasks.context->delta_leaves_built, 1000u);
+  for (uint32_t i = 0; i < 1000; ++i) {
+    ASSERT_NE(tasks.tree.delta_leaf(i), nullptr);
+    EXPECT_EQ(tasks.tree.delta_leaf(i)->references[0], i);
+  }
+}
+
+TEST(DeltaLeafTasksTest, EachIsBuiltOnceHoweverManyAsk) {
+  Tasks tasks(200);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&] {
+      for (uint32_t i = 0; i < 200; ++i) tasks.tasks.BuildAndPublish(i, tasks.tree);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(tasks.built, 200);
+  EXPECT_EQ(tasks.tree.delta_leaves_built(), 200u);
+}
+
+TEST(DeltaLeafTasksTest, CancelLeavesTheRestAsLists) {
+  std::shared_ptr<BuildContext> context;
+  std::atomic<int> begun{0};
+  Tasks tasks(1000, [&] {
+    if (++begun == 10) context->Cancel();
+  });
+  context = tasks.context;
+  EXPECT_EQ(tasks.tasks.BuildAndPublishAll(tasks.tree).code(), absl::StatusCode::kCancelled);
+  EXPECT_LT(tasks.tree.delta_leaves_built(), 1000u);
+}
+
+}  // namespace
+}  // namespace deltaray
