@@ -74,7 +74,7 @@ class Gate {
 class BuildSceneTest : public testing::TestWithParam<PathologicalScene> {
  protected:
   const std::shared_ptr<const TriangleMesh> mesh_ =
-      Shared(GetParam().make(std::min<uint32_t>(GetParam().full_size, 100)));
+      Shared(GetParam().make(std::min<uint32_t>(GetParam().full_size, 50)));
   const std::vector<Ray> rays_ = TestRays(*mesh_, 10, 1);
   const Answers expected_{BruteForce(mesh_->triangles()), rays_};
 };
