@@ -52,7 +52,9 @@ class KdTreeBuilder {
       return MakeLeaf(node, out);
     }
 
-    auto [left, right] = Split(node, plane);
+    // Not a structured binding, since clang 14 cannot capture one.
+    std::pair<Node, Node> halves = Split(node, plane);
+    Node &left = halves.first, &right = halves.second;
     const uint64_t children = left.references.size() + right.references.size();
     const uint64_t added = children - std::min<uint64_t>(children, node.references.size());
     if (added > node.budget) return MakeLeaf(node, out);
