@@ -113,6 +113,9 @@ absl::StatusOr<Camera> Camera::Place(const CameraOptions& options, const v1::Mes
   } else {
     camera.eye_ = *options.eye;
   }
+  camera.right_ = view->right;
+  camera.up_ = view->up;
+  camera.forward_ = view->forward;
   camera.step_right_ = Scale(view->right, 2 * half_width / options.width);
   camera.step_down_ = Scale(view->up, -2 * half_height / options.height);
   const Vec3 edge = Add(forward, Add(Scale(view->right, -half_width), Scale(view->up, half_height)));

@@ -39,11 +39,19 @@ class Camera {
 
   const Vec3& eye() const { return eye_; }
 
+  // Axes of the picture in space: unit vectors at right angles.
+  const Vec3& right() const { return right_; }
+  const Vec3& up() const { return up_; }
+  const Vec3& forward() const { return forward_; }
+
   // Unit direction of the ray through the centre of a pixel; (0, 0) is the top left one.
   Vec3 Direction(uint32_t column, uint32_t row) const;
 
  private:
   Vec3 eye_;
+  Vec3 right_;
+  Vec3 up_;
+  Vec3 forward_;
   // Through the centre of the top left pixel, and from one pixel's centre to the next.
   Vec3 corner_;
   Vec3 step_right_;

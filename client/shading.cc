@@ -16,8 +16,12 @@ namespace {
 
 constexpr std::array<uint8_t, 3> kBackground = {24, 28, 38};
 // Lambert: brightness of a face turned away from the light, and how much the light adds.
-constexpr double kAmbient = 0.12;
-constexpr double kDiffuse = 0.85;
+constexpr double kAmbient = 0.03;
+constexpr double kDiffuse = 0.7;
+// Unit direction to the light along the picture's axes.
+constexpr double kLightLeft = 0.48;
+constexpr double kLightUp = 0.6;
+constexpr double kLightBack = 0.64;
 
 // Linear light, 0 to 1, to sRGB.
 uint8_t ToSrgb(double linear) {
@@ -40,9 +44,10 @@ Shading::Shading(Shade shade, const Camera& camera, uint32_t width, uint32_t hei
   image_.rgb.resize(3 * pixels);
   for (size_t i = 0; i < pixels; ++i) std::copy(kBackground.begin(), kBackground.end(), &image_.rgb[3 * i]);
   if (shade == Shade::kDepth) depths_.resize(pixels, std::numeric_limits<float>::infinity());
-  // The light stands behind the top left corner of the picture: against the ray that goes to the opposite corner.
-  light_ = camera.Direction(width - 1, height - 1);
-  for (double& coordinate : light_) coordinate = -coordinate;
+  // Beside and above the viewer, so that faces turned to the viewer still differ.
+  for (int i = 0; i < 3; ++i) {
+    light_[i] = kLightUp * camera.up()[i] - kLightLeft * camera.right()[i] - kLightBack * camera.forward()[i];
+  }
 }
 
 v1::HitColumn Shading::column() const { return shade_ == Shade::kDepth ? v1::HIT_COLUMN_T : v1::HIT_COLUMN_NORMAL; }

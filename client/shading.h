@@ -18,7 +18,7 @@ enum class Shade {
   kNormal,
   // Grey by distance, from the nearest hit, light, to the farthest, dark.
   kDepth,
-  // Matte grey under a light at the viewer's upper left; both sides are lit.
+  // Matte grey under a light at the viewer's upper left; both sides of a triangle look alike.
   kLambert,
 };
 

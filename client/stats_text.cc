@@ -17,6 +17,9 @@ std::string ReferencesText(const v1::BuildStats& stats) {
   return text;
 }
 
+// A moment of the build; 0 is one that has not come yet.
+std::string MomentText(double seconds) { return seconds > 0 ? SecondsText(seconds) : "-"; }
+
 std::string PhasesText(const v1::BuildStats& stats) {
   TextTable table({Align::kLeft, Align::kRight, Align::kRight});
   table.Add({"phase", "wall", "CPU"});
@@ -61,9 +64,9 @@ std::string BuildStatsText(const std::string& mesh_id, const v1::BuildStats& sta
   table.Add({"memory", absl::StrCat("nodes ", BytesText(stats.node_bytes()), ", references ",
                                     BytesText(stats.reference_bytes()), ", mesh ", BytesText(stats.mesh_bytes()),
                                     ", peak of the build ", BytesText(stats.peak_build_bytes()))});
-  table.Add({"rays after", absl::StrCat(SecondsText(stats.provisional_seconds()), ", first answered after ",
-                                        SecondsText(stats.first_answer_seconds()))});
-  table.Add({"final after", SecondsText(stats.total_seconds())});
+  table.Add({"rays after", absl::StrCat(MomentText(stats.provisional_seconds()), ", first answered after ",
+                                        MomentText(stats.first_answer_seconds()))});
+  table.Add({"final after", MomentText(stats.total_seconds())});
   std::string text = table.Render();
   if (stats.phases_size() > 0) absl::StrAppend(&text, "\n", PhasesText(stats));
   if (stats.delta_leaf_size_histogram_size() > 0) absl::StrAppend(&text, "\n", LeafSizesText(stats));

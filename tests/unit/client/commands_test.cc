@@ -208,6 +208,7 @@ TEST_F(CommandsTest, StatsInEveryFormat) {
   const std::string text = session_.TakeOutput();
   EXPECT_THAT(text, HasSubstr("references      1,100 (1.100 a triangle)\n"));
   EXPECT_THAT(text, HasSubstr("SAH cost        12.500\n"));
+  EXPECT_THAT(text, HasSubstr("rays after      0.125 s, first answered after -\n"));
   EXPECT_THAT(text, HasSubstr("top    0.250 s  0.000 s\n"));
   EXPECT_THAT(text, HasSubstr("2-3     4,321\n"));
   EXPECT_EQ(session_.Run({"stats", "cube", "--format", "json"}), 0);
@@ -384,6 +385,14 @@ TEST(CommandLineTest, ServerThatIsNotThere) {
   EXPECT_EQ(session.Run({"list"}), 64 + 14);
   EXPECT_EQ(session.TakeMessages(),
             "deltaray: cannot reach deltarayd at 127.0.0.1:1: no server answers there (UNAVAILABLE)\n");
+}
+
+TEST(CommandLineTest, ServerThatDoesNotAnswer) {
+  FakeServer server;
+  server.behaviour.list_delay_ms = 1000;
+  TestSession session(server.address());
+  EXPECT_EQ(session.Run({"list", "--timeout", "0.3"}), 64 + 4);
+  EXPECT_EQ(session.TakeMessages(), "deltaray: no answer within 0.3 s; see --timeout (DEADLINE_EXCEEDED)\n");
 }
 
 TEST(CommandLineTest, ServerComesFromFlagThenEnvironment) {

@@ -4,6 +4,7 @@
 #ifndef TESTS_UNIT_CLIENT_FAKE_SERVER_H_
 #define TESTS_UNIT_CLIENT_FAKE_SERVER_H_
 
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -11,6 +12,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "deltaray/v1/mesh_service.grpc.pb.h"
@@ -33,6 +35,8 @@ struct FakeBehaviour {
   v1::MeshState final_state = v1::MESH_STATE_READY;
   // UploadMesh fails with this after the header.
   grpc::Status upload_status;
+  // ListMeshes sleeps so long.
+  int list_delay_ms = 0;
 };
 
 class FakeMeshService : public v1::MeshService::Service {
@@ -102,6 +106,7 @@ class FakeMeshService : public v1::MeshService::Service {
   // Two meshes a page, whatever was asked for; the token is the id of the last one sent.
   grpc::Status ListMeshes(grpc::ServerContext*, const v1::ListMeshesRequest* request,
                           v1::ListMeshesResponse* response) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(behaviour->list_delay_ms));
     const std::lock_guard lock(mutex);
     auto it = request->page_token().empty() ? meshes.begin() : meshes.upper_bound(request->page_token());
     for (; it != meshes.end() && response->meshes_size() < 2; ++it) *response->add_meshes() = it->second;
@@ -184,6 +189,7 @@ class FakeMeshService : public v1::MeshService::Service {
     stats.set_triangles(1000);
     stats.set_references(1100);
     stats.set_sah_cost(12.5);
+    stats.set_provisional_seconds(0.125);
     v1::PhaseTime& phase = *stats.add_phases();
     phase.set_phase(v1::BUILD_PHASE_TOP);
     phase.set_wall_seconds(0.25);
