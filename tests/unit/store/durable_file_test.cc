@@ -60,7 +60,13 @@ TEST(DurableFileTest, OnlyTheTemporariesOfDeadWritersAreAbandoned) {
   WriteFile(directory.path() + "/left", "of a dead server");
   absl::StatusOr<TemporaryFile> alive = TemporaryFile::Create(directory.path());
   ASSERT_TRUE(alive.ok());
+  // However old it is.
+  for (const std::string& file : FilesIn(directory.path())) {
+    std::filesystem::last_write_time(directory.path() + "/" + file,
+                                     std::filesystem::file_time_type::clock::now() - std::chrono::hours(48));
+  }
   EXPECT_EQ(RemoveAbandonedFiles(directory.path()), 1u);
+  EXPECT_FALSE(std::filesystem::exists(directory.path() + "/left"));
   EXPECT_EQ(FilesIn(directory.path()).size(), 1u);
   EXPECT_TRUE(alive->Sync().ok());
   EXPECT_TRUE(alive->MoveTo(directory.path() + "/place").ok());
