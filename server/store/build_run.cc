@@ -52,9 +52,12 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options
   if (!mesh.ok()) return mesh.status();
 
   options.config = config_;
-  const double load_wall = SecondsSince(begin);
   const double load_cpu = ThreadCpuSeconds() - cpu_begin;
   const std::shared_ptr<Build> build = Build::Start(*std::move(mesh), std::move(options));
+  // All that is not the build's own, so that elapsed time goes on where it was. The build's clock is read first: the
+  // sum must not fall behind what was reported before.
+  const double build_wall = build->progress().elapsed_seconds;
+  const double load_wall = SecondsSince(begin) - build_wall;
   {
     MutexLock lock(mutex_);
     load_ = {BuildPhase::kReferences, load_wall, load_cpu};

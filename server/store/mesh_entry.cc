@@ -22,7 +22,7 @@ MeshInfo MeshEntry::Info() const {
   MutexLock lock(mutex_);
   info.config = config_;
   if (current_) {
-    BuildReport report = current_->Report();
+    BuildReport report = CurrentReport();
     info.state = report.state;
     info.failure = std::move(report.failure);
   }
@@ -78,7 +78,15 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
 BuildReport MeshEntry::Watch() {
   MutexLock lock(mutex_);
   if (!current_) StartRun(config_, nullptr);
-  return current_ ? current_->Report() : BuildReport();
+  return current_ ? CurrentReport() : BuildReport();
+}
+
+BuildReport MeshEntry::CurrentReport() const {
+  BuildReport report = current_->Report();
+  // The run has its trees a moment before they answer here, and what is said to stand must answer.
+  if (report.state == MeshState::kReady && current_ != finished_) report.state = MeshState::kProvisional;
+  if (report.state == MeshState::kProvisional && current_ != answering_) report.state = MeshState::kBuilding;
+  return report;
 }
 
 absl::StatusOr<StoredStatistics> MeshEntry::Statistics() const {

@@ -57,6 +57,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
     std::function<void(absl::StatusOr<MeshStore::Answer>)> callback;
   };
 
+  // REQUIRES: current_ is set.
+  BuildReport CurrentReport() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void StartRun(const Config& config, std::shared_ptr<const TriangleMesh> mesh) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // On a thread of the queue, from begin to end of a build.
   void DoRun(const std::shared_ptr<BuildRun>& run);
