@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <thread>
 
@@ -32,7 +31,7 @@ absl::StatusOr<std::vector<double>> ReadCsv(const std::string& text, v1::RayLayo
     EXPECT_LE(*count, 2u);
   }
   std::vector<double> numbers(rays.size() / sizeof(double));
-  std::memcpy(numbers.data(), rays.data(), rays.size());
+  rays.copy(reinterpret_cast<char*>(numbers.data()), rays.size());
   return numbers;
 }
 
