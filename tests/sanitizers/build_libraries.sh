@@ -16,7 +16,9 @@ c_compiler=${CC:-cc}
 flags="-O1 -g1 -DNDEBUG -fsanitize=thread -fno-omit-frame-pointer -w"
 
 # Asks the system's own mirrors for sources, with lists of its own.
+apt=()
 fetch_lists() {
+  rm -rf apt
   mkdir -p apt/lists/partial apt/parts apt/cache/archives/partial
   local entry
   for entry in /etc/apt/sources.list /etc/apt/sources.list.d/*; do
@@ -38,7 +40,7 @@ build() {
   local stamp="$source.built" wanted="$version $compiler"
   [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ] || return 0
   echo "Building $source $version for ThreadSanitizer, once per build directory"
-  [ -d apt ] || fetch_lists
+  [ ${#apt[@]} -gt 0 ] || fetch_lists
   rm -rf source && mkdir source
   (cd source && "${apt[@]}" source "$source=$version")
   # Without RPATHs of their own, so that the program's decides.
