@@ -22,7 +22,7 @@ std::span<const DeltaLeafCandidate> CandidatesOf(Preset preset) {
 
 Dendrogram BuildCandidate(DeltaLeafCandidate candidate, std::span<const Reference> references,
                           const Bounds& mesh_bounds, const Config& config, const BuildContext& context) {
-  if (candidate == DeltaLeafCandidate::kTopDown) return SplitBySweeps(references, context);
+  if (candidate == DeltaLeafCandidate::kTopDown) return SplitBySweeps(references, SahCosts(config), context);
   Bounds bounds;
   for (const Reference& reference : references) bounds.Extend(reference.bounds);
   const double diagonal = Length(static_cast<Vec3d>(bounds.max) - static_cast<Vec3d>(bounds.min));

@@ -2,70 +2,37 @@
 
 #include <algorithm>
 #include <array>
-#include <vector>
 
-#include "server/build/reduce_references.h"
+#include "server/build/partition.h"
 
 namespace deltaray {
 namespace {
 
-constexpr int kBins = 32;
-// Up to here the exact sweep is worth its sorting.
-constexpr size_t kSweepReferences = 32;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-// The range of doubled centres.
-struct CentreRange {
-  std::array<double, 3> min{kInfinity, kInfinity, kInfinity};
-  std::array<double, 3> max{-kInfinity, -kInfinity, -kInfinity};
-
-  void Add(const Reference& reference) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const double centre = reference.bounds.DoubledCentre(axis);
-      min[axis] = std::min(min[axis], centre);
-      max[axis] = std::max(max[axis], centre);
-    }
-  }
-  void Merge(const CentreRange& other) {
-    for (int axis = 0; axis < 3; ++axis) {
-      min[axis] = std::min(min[axis], other.min[axis]);
-      max[axis] = std::max(max[axis], other.max[axis]);
-    }
-  }
-};
+// More bins were measured to find splits that are no better.
+constexpr int kBins = 16;
 
 struct Bin {
-  Bounds bounds;
+  PackedBounds bounds;
   uint32_t count = 0;
-  double min_centre = kInfinity;
 
   void Merge(const Bin& other) {
     bounds.Extend(other.bounds);
     count += other.count;
-    min_centre = std::min(min_centre, other.min_centre);
   }
 };
 
 struct Bins {
+  PointBins points;
   std::array<std::array<Bin, kBins>, 3> bins;
-  std::array<double, 3> first;  // the least centre
-  std::array<double, 3> scale;  // bins per unit
 
-  explicit Bins(const CentreRange& range) : first(range.min) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const double extent = range.max[axis] - range.min[axis];
-      scale[axis] = extent > 0 ? kBins / extent : 0;
-    }
-  }
+  explicit Bins(const PointBins& points) : points(points) {}
   void Add(const Reference& reference) {
+    const PackedBounds packed = reference.packed_bounds();
+    const PackedInts at = points.At(packed.HalfCentre());
     for (int axis = 0; axis < 3; ++axis) {
-      const double centre = reference.bounds.DoubledCentre(axis);
-      const int index = static_cast<int>((centre - first[axis]) * scale[axis]);
-      Bin& bin = bins[axis][std::min(index, kBins - 1)];
-      bin.bounds.Extend(reference.bounds);
+      Bin& bin = bins[axis][at[axis]];
+      bin.bounds.Extend(packed);
       ++bin.count;
-      bin.min_centre = std::min(bin.min_centre, centre);
     }
   }
   void Merge(const Bins& other) {
@@ -75,12 +42,23 @@ struct Bins {
   }
 };
 
-ObjectSplit CheapestBoundary(const Bins& bins) {
+}  // namespace
+
+ObjectSplit FindObjectSplit(std::span<const Reference> references, const BoundsSum& sum, const SahCosts& costs,
+                            BuildContext& context) {
+  Bins bins(PointBins(sum.half_centres, kBins));
+  ReduceReferences(references, &bins, context);
+
+  const float scale = UnitScale(static_cast<Bounds>(sum.bounds));
+  float least = std::numeric_limits<float>::infinity();
   ObjectSplit best;
+  Bin best_left, best_right;
   for (int axis = 0; axis < 3; ++axis) {
+    if (!bins.points.CanCut(axis)) continue;
     // rights[i]: all bins from i on.
-    std::array<Bin, kBins + 1> rights;
-    for (int i = kBins - 1; i > 0; --i) {
+    std::array<Bin, kBins> rights;
+    rights[kBins - 1] = bins.bins[axis][kBins - 1];
+    for (int i = kBins - 2; i > 0; --i) {
       rights[i] = rights[i + 1];
       rights[i].Merge(bins.bins[axis][i]);
     }
@@ -89,78 +67,38 @@ ObjectSplit CheapestBoundary(const Bins& bins) {
       left.Merge(bins.bins[axis][i - 1]);
       const Bin& right = rights[i];
       if (left.count == 0 || right.count == 0) continue;
-      const double cost = left.bounds.HalfArea() * left.count + right.bounds.HalfArea() * right.count;
-      if (cost < best.cost) best = {cost, axis, {right.min_centre, 0}, left.bounds, right.bounds};
-    }
-  }
-  return best;
-}
-
-}  // namespace
-
-ObjectSplit FindObjectSplit(std::span<const Reference> references, BuildContext& context) {
-  if (references.size() <= kSweepReferences) return SweepObjectSplit(references);
-  const CentreRange range = ReduceReferences(references, CentreRange(), context);
-  return CheapestBoundary(ReduceReferences(references, Bins(range), context));
-}
-
-ObjectSplit SweepObjectSplit(std::span<const Reference> references) {
-  const size_t count = references.size();
-  struct Item {
-    SplitKey key;
-    uint32_t index;
-  };
-  std::vector<Item> items(count);
-  std::vector<double> right_areas(count);
-  ObjectSplit best;
-  size_t best_imbalance = 0;
-  for (int axis = 0; axis < 3; ++axis) {
-    for (uint32_t i = 0; i < count; ++i) items[i] = {SplitKey(references[i], axis), i};
-    std::sort(items.begin(), items.end(), [](const Item& a, const Item& b) { return a.key < b.key; });
-    Bounds right;
-    for (size_t i = count; i-- > 1;) {
-      right.Extend(references[items[i].index].bounds);
-      right_areas[i] = right.HalfArea();
-    }
-    Bounds left;
-    for (size_t i = 1; i < count; ++i) {
-      left.Extend(references[items[i - 1].index].bounds);
-      const double cost = left.HalfArea() * static_cast<double>(i) + right_areas[i] * static_cast<double>(count - i);
-      // Copies of a triangle cost the same wherever they are split; halves keep the tree flat.
-      const size_t imbalance = std::max(i, count - i);
-      if (cost > best.cost || (cost == best.cost && imbalance >= best_imbalance)) continue;
-      best.cost = cost;
+      const float cost = left.bounds.HalfArea(scale) * static_cast<float>(costs.Work(left.count)) +
+                         right.bounds.HalfArea(scale) * static_cast<float>(costs.Work(right.count));
+      if (!(cost < least)) continue;
+      least = cost;
       best.axis = axis;
-      best.first_right = items[i].key;
-      best_imbalance = imbalance;
+      best.bin = i;
+      best_left = left;
+      best_right = right;
     }
   }
-  if (best.IsFound()) {
-    for (const Reference& reference : references) {
-      (best.GoesLeft(reference) ? best.left : best.right).Extend(reference.bounds);
-    }
-  }
+  if (best.bin == 0) return best;
+  best.bins = bins.points;
+  best.left = static_cast<Bounds>(best_left.bounds);
+  best.right = static_cast<Bounds>(best_right.bounds);
+  best.cost = best.left.HalfArea() * costs.Work(best_left.count) + best.right.HalfArea() * costs.Work(best_right.count);
   return best;
 }
 
-ObjectSplit MedianSplit(std::span<Reference> references, const Bounds& bounds) {
-  ObjectSplit split;
-  split.axis = bounds.WidestAxis();
-  const auto middle = references.begin() + references.size() / 2;
-  std::nth_element(references.begin(), middle, references.end(), [&](const Reference& a, const Reference& b) {
-    return SplitKey(a, split.axis) < SplitKey(b, split.axis);
-  });
-  split.first_right = SplitKey(*middle, split.axis);
-  for (auto i = references.begin(); i != middle; ++i) split.left.Extend(i->bounds);
-  for (auto i = middle; i != references.end(); ++i) split.right.Extend(i->bounds);
-  split.cost = split.left.HalfArea() * static_cast<double>(middle - references.begin()) +
-               split.right.HalfArea() * static_cast<double>(references.end() - middle);
-  return split;
+size_t Partition(std::span<Reference> references, const ObjectSplit& split, BuildContext& context) {
+  return PartitionReferences(
+      references, [&](const Reference& r) { return split.GoesLeft(r); }, context);
 }
 
-size_t Partition(std::span<Reference> references, const ObjectSplit& split, const BuildContext& context) {
-  const auto goes_left = [&](const Reference& r) { return context.cancelled() || split.GoesLeft(r); };
-  return std::partition(references.begin(), references.end(), goes_left) - references.begin();
+size_t PartitionAtMedian(std::span<Reference> references, const Bounds& bounds) {
+  const int axis = bounds.WidestAxis();
+  const auto middle = references.begin() + references.size() / 2;
+  // A node never has two references to one triangle, so that no two stand alike.
+  std::nth_element(references.begin(), middle, references.end(), [axis](const Reference& a, const Reference& b) {
+    const double a_centre = a.bounds.DoubledCentre(axis), b_centre = b.bounds.DoubledCentre(axis);
+    return a_centre != b_centre ? a_centre < b_centre : a.primitive < b.primitive;
+  });
+  return static_cast<size_t>(middle - references.begin());
 }
 
 }  // namespace deltaray

@@ -3,57 +3,47 @@
 #ifndef SERVER_BUILD_OBJECT_SPLIT_H_
 #define SERVER_BUILD_OBJECT_SPLIT_H_
 
-#include <cstdint>
+#include <cstddef>
 #include <limits>
 #include <span>
 
 #include "server/build/build_context.h"
+#include "server/build/point_bins.h"
+#include "server/build/reduce_references.h"
 #include "server/build/reference.h"
+#include "server/build/sah.h"
 #include "server/geometry/bounds.h"
 
 namespace deltaray {
 
-// Where a reference stands along an axis: by centre, then by primitive. No two references of a node stand alike, since
-// a node never has two references to one triangle.
-struct SplitKey {
-  double doubled_centre = 0;
-  uint32_t primitive = 0;
-
-  SplitKey() = default;
-  SplitKey(double doubled_centre, uint32_t primitive) : doubled_centre(doubled_centre), primitive(primitive) {}
-  SplitKey(const Reference& reference, int axis)
-      : doubled_centre(reference.bounds.DoubledCentre(axis)), primitive(reference.primitive) {}
-
-  friend bool operator<(const SplitKey& a, const SplitKey& b) {
-    return a.doubled_centre != b.doubled_centre ? a.doubled_centre < b.doubled_centre : a.primitive < b.primitive;
-  }
-};
-
-// References that stand before `first_right` along `axis` go left, the others right. Both sides have some.
+// References whose centre is in a bin below `bin` of `axis` go left, the others right. Both sides have some.
 struct ObjectSplit {
-  // Sum over both sides of half area times number of references. Infinite: no split was found.
+  // Sum over both sides of half area times work. Infinite: no split was found.
   double cost = std::numeric_limits<double>::infinity();
+  PointBins bins;  // of halves of centres
   int axis = 0;
-  SplitKey first_right;
+  int bin = 0;
   Bounds left, right;
 
   bool IsFound() const { return cost < std::numeric_limits<double>::infinity(); }
-  bool GoesLeft(const Reference& reference) const { return SplitKey(reference, axis) < first_right; }
+  bool GoesLeft(const Reference& reference) const {
+    const float half_centre = 0.25f * reference.bounds.min[axis] + 0.25f * reference.bounds.max[axis];
+    return bins.At(half_centre, axis) < bin;
+  }
 };
 
-// The cheapest object split of `references`, over all axes: exact for few references, by 32 bins of centres per axis
-// for many [Wald 2007]. None is found for fewer than two references, or where all of many have the same centre.
-ObjectSplit FindObjectSplit(std::span<const Reference> references, BuildContext& context);
+// The cheapest of the object splits between bins of the references' centres, over all axes, 16 bins an axis [Wald
+// 2007]. `sum`: of the same references. None is found where all centres are in one place.
+ObjectSplit FindObjectSplit(std::span<const Reference> references, const BoundsSum& sum, const SahCosts& costs,
+                            BuildContext& context);
 
-// The cheapest of all object splits of `references`, by sorting them along each axis. None for fewer than two.
-ObjectSplit SweepObjectSplit(std::span<const Reference> references);
+// Puts the left references before the right ones and returns the number of the left ones. The same for any number of
+// threads.
+size_t Partition(std::span<Reference> references, const ObjectSplit& split, BuildContext& context);
 
-// The split in halves along the axis in which `bounds` is widest. Changes the order of `references`. What is left when
-// nothing else splits them. REQUIRES: references.size() >= 2.
-ObjectSplit MedianSplit(std::span<Reference> references, const Bounds& bounds);
-
-// Puts the left references before the right ones and returns the number of the left ones.
-size_t Partition(std::span<Reference> references, const ObjectSplit& split, const BuildContext& context);
+// Does so for the split in halves along the axis in which `bounds` is widest: what is left when nothing else splits
+// them. REQUIRES: references.size() >= 2.
+size_t PartitionAtMedian(std::span<Reference> references, const Bounds& bounds);
 
 }  // namespace deltaray
 

@@ -11,30 +11,54 @@
 
 #include "server/build/build_context.h"
 #include "server/build/reference.h"
+#include "server/geometry/packed_bounds.h"
 
 namespace deltaray {
 
-// Adds each reference to a T by T::Add(const Reference&); parts are put together by T::Merge(const T&), in order. The
-// result does not depend on threads where Merge is associative. Anything where the build is cancelled.
+// Adds each reference to `sum` by T::Add(const Reference&); parts begin as copies of what `sum` is at first and are put
+// together by T::Merge(const T&), in order. The result does not depend on threads where Merge is associative and adding
+// a copy of the first value changes nothing. Anything where the build is cancelled.
 template <typename T>
-T ReduceReferences(std::span<const Reference> references, const T& zero, BuildContext& context) {
+void ReduceReferences(std::span<const Reference> references, T* sum, BuildContext& context) {
   constexpr size_t kGrain = 8192;
-  const auto add = [&](std::span<const Reference> part, T sum) {
-    for (const Reference& reference : part) sum.Add(reference);
-    return sum;
+  const auto add = [](std::span<const Reference> part, T* part_sum) {
+    for (const Reference& reference : part) part_sum->Add(reference);
   };
-  if (references.size() <= kGrain) return add(references, zero);
-  return tbb::parallel_reduce(
-      tbb::blocked_range<size_t>(0, references.size(), kGrain), zero,
-      [&](const tbb::blocked_range<size_t>& range, T sum) {
-        if (context.cancelled()) return sum;
+  if (references.size() <= kGrain) return add(references, sum);
+  *sum = tbb::parallel_reduce(
+      tbb::blocked_range<size_t>(0, references.size(), kGrain), *sum,
+      [&](const tbb::blocked_range<size_t>& range, T part_sum) {
+        if (context.cancelled()) return part_sum;
         const BuildContext::CpuTime time(context);
-        return add(references.subspan(range.begin(), range.size()), sum);
+        add(references.subspan(range.begin(), range.size()), &part_sum);
+        return part_sum;
       },
       [](T left, const T& right) {
         left.Merge(right);
         return left;
       });
+}
+
+// The box of some references, and that of the halves of their boxes' centres.
+struct BoundsSum {
+  PackedBounds bounds;
+  PackedBounds half_centres;
+
+  void Add(const Reference& reference) {
+    const PackedBounds packed = reference.packed_bounds();
+    bounds.Extend(packed);
+    half_centres.Extend(packed.HalfCentre());
+  }
+  void Merge(const BoundsSum& other) {
+    bounds.Extend(other.bounds);
+    half_centres.Extend(other.half_centres);
+  }
+};
+
+inline BoundsSum SumBounds(std::span<const Reference> references, BuildContext& context) {
+  BoundsSum sum;
+  ReduceReferences(references, &sum, context);
+  return sum;
 }
 
 }  // namespace deltaray

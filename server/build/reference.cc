@@ -7,19 +7,27 @@
 #include <limits>
 #include <new>
 #include <utility>
+#include <vector>
 
 #include "server/geometry/triangle_test.h"
 
 namespace deltaray {
 namespace {
 
+constexpr size_t kCacheLine = 64;
+constexpr size_t kBlockReferences = 4096;
+
 int64_t Bytes(size_t references) { return static_cast<int64_t>(references * sizeof(Reference)); }
+
+// Whole cache lines.
+size_t AllocatedBytes(size_t references) {
+  return (std::max<size_t>(references, 1) * sizeof(Reference) + kCacheLine - 1) / kCacheLine * kCacheLine;
+}
 
 }  // namespace
 
 ReferenceArray::ReferenceArray(size_t capacity, BuildContext& context)
-    : data_(static_cast<Reference*>(std::malloc(std::max<size_t>(capacity, 1) * sizeof(Reference)))),
-      capacity_(capacity) {
+    : data_(static_cast<Reference*>(std::aligned_alloc(kCacheLine, AllocatedBytes(capacity)))), capacity_(capacity) {
   if (data_ == nullptr) throw std::bad_alloc();
   context_ = &context;
   context_->CountBytes(Bytes(capacity_));
@@ -41,7 +49,7 @@ ReferenceArray::~ReferenceArray() {
 
 void ReferenceArray::ShrinkToFit() {
   if (size_ == capacity_) return;
-  void* const shrunk = std::realloc(data_.get(), std::max<size_t>(size_, 1) * sizeof(Reference));
+  void* const shrunk = std::realloc(data_.get(), AllocatedBytes(size_));
   if (shrunk == nullptr) return;  // the larger block still stands
   (void)data_.release();
   data_.reset(static_cast<Reference*>(shrunk));
@@ -58,21 +66,31 @@ absl::StatusOr<ReferenceArray> MakeReferences(const TrianglesView& triangles, do
   ReferenceArray references(static_cast<size_t>(std::min(wanted, most)), context);
   Reference* const data = references.data();
 
-  // Degenerate triangles are marked first and then removed, so that the order does not depend on threads.
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, count, 4096), [&](const tbb::blocked_range<size_t>& range) {
-    if (context.cancelled()) return;
+  // 1. Each block puts those of its triangles that are not degenerate together.
+  const size_t blocks = (count + kBlockReferences - 1) / kBlockReferences;
+  std::vector<size_t> sizes(blocks);
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, blocks), [&](const tbb::blocked_range<size_t>& range) {
     const BuildContext::CpuTime time(context);
-    for (size_t i = range.begin(); i < range.end(); ++i) {
-      const Triangle triangle = triangles[i];
-      data[i] = {triangle.GetBounds(), IsDegenerate(triangle) ? kNoPrimitive : static_cast<uint32_t>(i)};
+    for (size_t block = range.begin(); block < range.end() && !context.cancelled(); ++block) {
+      const size_t begin = block * kBlockReferences, end = std::min(begin + kBlockReferences, count);
+      size_t size = 0;
+      for (size_t i = begin; i < end; ++i) {
+        const Triangle triangle = triangles[i];
+        if (!IsDegenerate(triangle)) data[begin + size++] = {triangle.GetBounds(), static_cast<uint32_t>(i)};
+      }
+      sizes[block] = size;
     }
   });
+
+  // 2. The blocks move together.
+  size_t size = 0;
+  for (size_t block = 0; block < blocks && !context.cancelled(); ++block) {
+    const Reference* const begin = data + block * kBlockReferences;
+    if (begin != data + size) std::copy(begin, begin + sizes[block], data + size);
+    size += sizes[block];
+  }
   if (context.cancelled()) return absl::CancelledError("the build was cancelled");
-  Reference* const end = std::remove_if(data, data + count, [&](const Reference& reference) {
-    return reference.primitive == kNoPrimitive || context.cancelled();
-  });
-  if (context.cancelled()) return absl::CancelledError("the build was cancelled");
-  references.set_size(end - data);
+  references.set_size(size);
   context.triangles.store(references.size(), std::memory_order_relaxed);
   return references;
 }

@@ -12,15 +12,20 @@
 #include "absl/status/statusor.h"
 #include "server/build/build_context.h"
 #include "server/geometry/bounds.h"
+#include "server/geometry/packed_bounds.h"
 #include "server/geometry/triangles.h"
 
 namespace deltaray {
 
+// Two to a cache line, where an array of them begins at one.
 struct Reference {
   Bounds bounds;  // holds the part of the triangle in the node's cell
   uint32_t primitive = 0;
+  uint32_t padding = 0;
+
+  PackedBounds packed_bounds() const { return PackedBounds::Load(this); }
 };
-static_assert(sizeof(Reference) == 28);
+static_assert(sizeof(Reference) == 32 && offsetof(Reference, bounds) == 0);
 
 // References, and room for more. A vector would write every element once before use, which takes longer than a cancel
 // may on a large mesh; here elements past those written are uninitialised.

@@ -4,95 +4,122 @@
 #include <array>
 #include <utility>
 
+#include "server/build/partition.h"
 #include "server/build/reduce_references.h"
 #include "server/geometry/clip_triangle.h"
+#include "server/geometry/packed_bounds.h"
 
 namespace deltaray {
 namespace {
 
 constexpr int kBins = 16;
 
-// The planes between the bins of one axis: bin i lies between planes[i] and planes[i + 1].
-struct Planes {
-  std::array<float, kBins + 1> planes;
-  double bins_per_unit;
+// The plane below bin `i`.
+float Position(const Bounds& bounds, int axis, int i) {
+  const double min = bounds.min[axis], max = bounds.max[axis];
+  return static_cast<float>(min + (max - min) * i / kBins);
+}
 
-  Planes(const Bounds& bounds, int axis) {
-    const double min = bounds.min[axis], extent = static_cast<double>(bounds.max[axis]) - min;
-    for (int i = 0; i < kBins; ++i) planes[i] = static_cast<float>(min + extent * i / kBins);
-    planes[kBins] = bounds.max[axis];
-    bins_per_unit = extent > 0 ? kBins / extent : 0;
-  }
+// The first and the last bin that a reference is in.
+struct BinRange {
+  PackedInts first, last;
 
-  // The last bin that begins at or before `x`, where x is within the bounds.
-  int BinAt(float x) const {
-    int bin = std::clamp(static_cast<int>((static_cast<double>(x) - planes[0]) * bins_per_unit), 0, kBins - 1);
-    while (bin > 0 && planes[bin] > x) --bin;
-    while (bin < kBins - 1 && planes[bin + 1] <= x) ++bin;
-    return bin;
-  }
-  // The last bin that begins before `x`.
-  int BinBefore(float x) const {
-    int bin = BinAt(x);
-    while (bin > 0 && planes[bin] >= x) --bin;
-    return bin;
+  BinRange(const PointBins& bins, const PackedBounds& box) : first(bins.At(box.min)), last(bins.Before(box.max)) {
+    last = last < first ? first : last;
   }
 };
 
-// A reference enters the bin of its least coordinate and leaves in that of its greatest; one that only touches a plane
-// is on one side of it, as in Side below.
+// A reference enters the bin of its least coordinate and leaves in that of its greatest.
 struct SpatialBin {
-  Bounds bounds;  // of the parts in the bin
+  PackedBounds bounds;  // of the parts in the bin
   uint32_t entered = 0;
   uint32_t left = 0;
 };
 
-// Adds the parts of a reference in bins `first` to `last` to them. What this makes is an estimate: the triangle is cut
-// at the planes alone, not to its cell, and rounding is not looked at, since only the choice of a plane depends on it.
-void AddParts(const Reference& reference, const Triangle& triangle, const Planes& planes, int axis, int first, int last,
-              std::array<SpatialBin, kBins>& bins) {
-  std::array<Bounds, kBins> parts;
-  const Vec3f corners[] = {triangle.v0, triangle.v1, triangle.v2};
-  for (int i = 0; i < 3; ++i) {
-    const Vec3f& corner = corners[i];
-    if (corner[axis] >= planes.planes[first] && corner[axis] <= planes.planes[last + 1]) {
-      parts[std::min(planes.BinAt(corner[axis]), last)].Extend(corner);
-    }
-    const Vec3f& next = corners[i == 2 ? 0 : i + 1];
-    const Vec3f& a = corner[axis] <= next[axis] ? corner : next;
-    const Vec3f& b = corner[axis] <= next[axis] ? next : corner;
-    const Vec3f along = (1 / (b[axis] - a[axis])) * (b - a);
-    for (int plane = first; plane <= last + 1 && planes.planes[plane] < b[axis]; ++plane) {
-      const float position = planes.planes[plane];
-      if (position < a[axis]) continue;
-      const Vec3f point = a + (position - a[axis]) * along;
-      if (plane > first) parts[plane - 1].Extend(point);
-      if (plane <= last) parts[plane].Extend(point);
-    }
+// Where planes across an axis cut a triangle: its corners in order along the axis, and what its edges gain per unit.
+class CutTriangle {
+ public:
+  CutTriangle(const Triangle& triangle, int axis) : axis_(axis) {
+    const Vec3f* corners[] = {&triangle.v0, &triangle.v1, &triangle.v2};
+    if ((*corners[0])[axis] > (*corners[1])[axis]) std::swap(corners[0], corners[1]);
+    if ((*corners[1])[axis] > (*corners[2])[axis]) std::swap(corners[1], corners[2]);
+    if ((*corners[0])[axis] > (*corners[1])[axis]) std::swap(corners[0], corners[1]);
+    for (int i = 0; i < 3; ++i) corners_[i] = Pack(*corners[i]);
+    long_edge_ = Slope(corners_[0], corners_[2]);
+    first_edge_ = Slope(corners_[0], corners_[1]);
+    second_edge_ = Slope(corners_[1], corners_[2]);
   }
-  for (int bin = first; bin <= last; ++bin) bins[bin].bounds.Extend(Intersection(parts[bin], reference.bounds));
-}
+
+  // Extends `part` by what the plane at `position`, or else the nearest corner, has of the triangle.
+  void ExtendByCut(float position, PackedBounds* part) const {
+    const float x = std::clamp(position, corners_[0][axis_], corners_[2][axis_]);
+    const bool in_first = x < corners_[1][axis_];
+    const int from = in_first ? 0 : 1;
+    part->Extend(corners_[0] + (x - corners_[0][axis_]) * long_edge_);
+    part->Extend(corners_[from] + (x - corners_[from][axis_]) * (in_first ? first_edge_ : second_edge_));
+  }
+  // Extends `part` by the middle corner where that lies in [least, greatest].
+  void ExtendByCorner(float least, float greatest, PackedBounds* part) const {
+    if (corners_[1][axis_] >= least && corners_[1][axis_] <= greatest) part->Extend(corners_[1]);
+  }
+
+ private:
+  PackedFloats Slope(PackedFloats a, PackedFloats b) const {
+    const float length = b[axis_] - a[axis_];
+    return length > 0 ? (1 / length) * (b - a) : PackedFloats{};
+  }
+
+  int axis_;
+  std::array<PackedFloats, 3> corners_;
+  PackedFloats long_edge_, first_edge_, second_edge_;
+};
 
 struct SpatialBins {
   const TrianglesView* triangles;
-  const std::array<Planes, 3>* planes;
+  const PointBins* points;
+  const std::array<std::array<float, kBins>, 3>* planes;
   std::array<std::array<SpatialBin, kBins>, 3> bins;
 
   void Add(const Reference& reference) {
-    const Triangle triangle = (*triangles)[reference.primitive];
+    const PackedBounds packed = reference.packed_bounds();
+    const BinRange range(*points, packed);
     for (int axis = 0; axis < 3; ++axis) {
-      const Planes& axis_planes = (*planes)[axis];
-      const int last = axis_planes.BinBefore(reference.bounds.max[axis]);
-      const int first = std::min(last, axis_planes.BinAt(reference.bounds.min[axis]));
+      const int first = range.first[axis], last = range.last[axis];
       ++bins[axis][first].entered;
       ++bins[axis][last].left;
       if (first == last) {
-        bins[axis][first].bounds.Extend(reference.bounds);
+        bins[axis][first].bounds.Extend(packed);
+      } else if (first + 1 == last) {
+        // The box cut in two is close to the triangle cut in two, and saves the way to the triangle.
+        PackedBounds low = packed, high = packed;
+        low.max[axis] = high.min[axis] = (*planes)[axis][last];
+        bins[axis][first].bounds.Extend(low);
+        bins[axis][last].bounds.Extend(high);
       } else {
-        AddParts(reference, triangle, axis_planes, axis, first, last, bins[axis]);
+        AddParts(reference, packed, axis, first, last);
       }
     }
   }
+
+  // Adds the parts of a reference in bins `first` to `last` to them. What this makes is an estimate: rounding is not
+  // looked at, since only the choice of a plane depends on it.
+  void AddParts(const Reference& reference, const PackedBounds& packed, int axis, int first, int last) {
+    const CutTriangle triangle((*triangles)[reference.primitive], axis);
+    float position = packed.min[axis];
+    PackedBounds cut;
+    triangle.ExtendByCut(position, &cut);
+    for (int bin = first; bin <= last; ++bin) {
+      PackedBounds part = cut;
+      const float next = bin == last ? packed.max[axis] : (*planes)[axis][bin + 1];
+      cut = PackedBounds();
+      triangle.ExtendByCut(next, &cut);
+      part.Extend(cut);
+      triangle.ExtendByCorner(position, next, &part);
+      bins[axis][bin].bounds.Extend({Greatest(part.min, packed.min), Least(part.max, packed.max)});
+      position = next;
+    }
+  }
+
   void Merge(const SpatialBins& other) {
     for (int axis = 0; axis < 3; ++axis) {
       for (int i = 0; i < kBins; ++i) {
@@ -107,89 +134,109 @@ struct SpatialBins {
 enum class Side { kLeft, kRight, kBoth };
 
 Side SideOf(const Reference& reference, const SpatialSplit& split) {
-  if (reference.bounds.max[split.axis] <= split.position) return Side::kLeft;
-  if (reference.bounds.min[split.axis] >= split.position) return Side::kRight;
-  return Side::kBoth;
+  const int first = split.bins.At(reference.bounds.min[split.axis], split.axis);
+  if (first >= split.bin) return Side::kRight;
+  const int last = split.bins.Before(reference.bounds.max[split.axis], split.axis);
+  return std::max(first, last) < split.bin ? Side::kLeft : Side::kBoth;
 }
+
+// A side of a split while what the plane cuts is shared out.
+struct Part {
+  Bounds bounds;
+  double count = 0;  // of those that are there and those that may come
+
+  double Cost() const { return bounds.HalfArea() * count; }
+  Part With(const Bounds& more) const { return {Union(bounds, more), count}; }
+  Part WithoutOne() const { return {bounds, count - 1}; }
+};
 
 }  // namespace
 
 SpatialSplit FindSpatialSplit(std::span<const Reference> references, const TrianglesView& triangles,
-                              const Bounds& bounds, size_t room, BuildContext& context) {
-  const std::array<Planes, 3> planes{Planes(bounds, 0), Planes(bounds, 1), Planes(bounds, 2)};
-  const SpatialBins sum = ReduceReferences(references, SpatialBins{&triangles, &planes, {}}, context);
+                              const Bounds& bounds, const SahCosts& costs, size_t room, BuildContext& context) {
+  const PointBins points(PackedBounds(bounds), kBins);
+  std::array<std::array<float, kBins>, 3> planes;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int i = 0; i < kBins; ++i) planes[axis][i] = Position(bounds, axis, i);
+  }
+  SpatialBins sum{&triangles, &points, &planes, {}};
+  ReduceReferences(references, &sum, context);
+  const auto count = static_cast<uint32_t>(references.size());
 
   SpatialSplit best;
   for (int axis = 0; axis < 3; ++axis) {
+    if (!points.CanCut(axis)) continue;
     const auto& bins = sum.bins[axis];
     std::array<double, kBins> right_areas;
-    Bounds right;
+    PackedBounds right;
     for (int i = kBins - 1; i > 0; --i) {
       right.Extend(bins[i].bounds);
-      right_areas[i] = right.HalfArea();
+      right_areas[i] = static_cast<Bounds>(right).HalfArea();
     }
-    Bounds left;
-    size_t left_count = 0, right_count = references.size();
+    PackedBounds left;
+    uint32_t left_count = 0, right_count = count;
     for (int i = 1; i < kBins; ++i) {
       left.Extend(bins[i - 1].bounds);
       left_count += bins[i - 1].entered;
       right_count -= bins[i - 1].left;
       // Each child is to be smaller than its parent, else this may never end.
-      if (left_count >= references.size() || right_count >= references.size()) continue;
-      if (left_count + right_count - references.size() > room) continue;
+      if (left_count >= count || right_count >= count) continue;
+      if (left_count + right_count - count > room) continue;
       const double cost =
-          left.HalfArea() * static_cast<double>(left_count) + right_areas[i] * static_cast<double>(right_count);
-      if (cost < best.cost) best = {cost, axis, planes[axis].planes[i]};
+          static_cast<Bounds>(left).HalfArea() * costs.Work(left_count) + right_areas[i] * costs.Work(right_count);
+      if (cost < best.cost) best = {cost, points, axis, i, planes[axis][i]};
     }
   }
   return best;
 }
 
-SpatialParts Partition(std::span<Reference> references, size_t count, const TrianglesView& triangles,
-                       const SpatialSplit& split, const BuildContext& context) {
+std::pair<size_t, size_t> Partition(std::span<Reference> references, size_t count, const TrianglesView& triangles,
+                                    const SpatialSplit& split, BuildContext& context) {
   // 1. Those on one side only go to the front and to the back.
-  const auto begin = references.begin();
-  const auto cut_begin = std::partition(begin, begin + count, [&](const Reference& reference) {
-    return context.cancelled() || SideOf(reference, split) == Side::kLeft;
-  });
-  const auto cut_end = std::partition(cut_begin, begin + count, [&](const Reference& reference) {
-    return context.cancelled() || SideOf(reference, split) == Side::kBoth;
-  });
-  SpatialParts parts;
-  for (auto i = begin; i != cut_begin && !context.cancelled(); ++i) parts.left.Extend(i->bounds);
-  for (auto i = cut_end; i != begin + count && !context.cancelled(); ++i) parts.right.Extend(i->bounds);
+  const auto is_at_most = [&](Side side) {
+    return [&split, side](const Reference& reference) {
+      const Side of = SideOf(reference, split);
+      return of == Side::kLeft || of == side;
+    };
+  };
+  const std::span<Reference> all = references.first(count);
+  const size_t cut_end = PartitionReferences(all, is_at_most(Side::kBoth), context);
+  const size_t cut_begin = PartitionReferences(all.first(cut_end), is_at_most(Side::kLeft), context);
+  const auto bounds_of = [&](std::span<const Reference> part) {
+    return static_cast<Bounds>(SumBounds(part, context).bounds);
+  };
+  Part left{bounds_of(all.first(cut_begin)), static_cast<double>(cut_end)};
+  Part right{bounds_of(all.subspan(cut_end)), static_cast<double>(count - cut_begin)};
 
-  // 2. Those that the plane cuts go where it is cheapest.
-  double left_count = static_cast<double>(cut_end - begin),
-         right_count = static_cast<double>(begin + count - cut_begin);
-  auto cut = cut_begin, right_begin = cut_end, end = begin + count;
+  // 2. Those that the plane cuts go where it is cheapest. Neither side is left empty.
+  size_t cut = cut_begin, right_begin = cut_end, end = count;
   while (cut != right_begin && !context.cancelled()) {
-    Bounds left_part, right_part;
-    SplitTriangle(triangles[cut->primitive], split.axis, split.position, cut->bounds, &left_part, &right_part);
-    const Bounds split_left = Union(parts.left, left_part), split_right = Union(parts.right, right_part);
-    const Bounds whole_left = Union(parts.left, cut->bounds), whole_right = Union(parts.right, cut->bounds);
-    const double cost_split = split_left.HalfArea() * left_count + split_right.HalfArea() * right_count;
-    const double cost_left = whole_left.HalfArea() * left_count + parts.right.HalfArea() * (right_count - 1);
-    const double cost_right = parts.left.HalfArea() * (left_count - 1) + whole_right.HalfArea() * right_count;
-    if (right_part.IsEmpty() || (!left_part.IsEmpty() && cost_left < cost_split && cost_left <= cost_right)) {
-      parts.left = whole_left;
-      --right_count;
+    Reference& reference = references[cut];
+    Bounds left_box, right_box;
+    SplitTriangle(triangles[reference.primitive], split.axis, split.position, reference.bounds, &left_box, &right_box);
+    const bool has_two_parts = !left_box.IsEmpty() && !right_box.IsEmpty();
+    const Part whole_left = left.With(reference.bounds), whole_right = right.With(reference.bounds);
+    const double cost_left = whole_left.Cost() + right.WithoutOne().Cost();
+    const double cost_right = left.WithoutOne().Cost() + whole_right.Cost();
+    const double cost_split = left.With(left_box).Cost() + right.With(right_box).Cost();
+    if (has_two_parts && cost_split <= std::min(cost_left, cost_right)) {
+      left = left.With(left_box);
+      right = right.With(right_box);
+      references[end++] = {right_box, reference.primitive};
+      reference.bounds = left_box;
       ++cut;
-    } else if (left_part.IsEmpty() || cost_right < cost_split) {
-      parts.right = whole_right;
-      --left_count;
-      std::swap(*cut, *--right_begin);
+    } else if (left.count == 1 ||
+               (right.count > 1 && (right_box.IsEmpty() || (!left_box.IsEmpty() && cost_left <= cost_right)))) {
+      left = whole_left;
+      right = right.WithoutOne();
+      ++cut;
     } else {
-      parts.left = split_left;
-      parts.right = split_right;
-      *end++ = {right_part, cut->primitive};
-      cut->bounds = left_part;
-      ++cut;
+      right = whole_right;
+      left = left.WithoutOne();
+      std::swap(reference, references[--right_begin]);
     }
   }
-  parts.left_count = right_begin - begin;
-  parts.right_count = end - right_begin;
-  return parts;
+  return {right_begin, end - right_begin};
 }
 
 }  // namespace deltaray

@@ -1,51 +1,144 @@
 #include "server/build/sweep_builder.h"
 
-#include <vector>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <limits>
+#include <utility>
 
-#include "server/build/object_split.h"
+#include "absl/container/inlined_vector.h"
 #include "server/build/top_down.h"
 
 namespace deltaray {
 namespace {
 
+// No allocation for δ-leaves of the usual size.
+template <typename T>
+using Array = absl::InlinedVector<T, 64>;
+
+// Integers in the order of floats, -0 before 0.
+uint32_t OrderedBits(float x) {
+  const auto bits = std::bit_cast<uint32_t>(x);
+  return bits >> 31 != 0 ? ~bits : bits | 0x80000000;
+}
+
 class SweepBuilder {
  public:
-  SweepBuilder(std::span<const Reference> references, const BuildContext& context)
-      : references_(references.begin(), references.end()), context_(context) {
-    // Their places are ids of clusters, and serve as keys as well as those of triangles.
-    for (uint32_t i = 0; i < references_.size(); ++i) references_[i].primitive = i;
-    dendrogram_.reserve(references.size() - 1);
+  SweepBuilder(std::span<const Reference> references, const SahCosts& costs, const BuildContext& context)
+      : costs_(costs),
+        context_(context),
+        right_areas_(references.size()),
+        moved_(references.size()),
+        is_left_(references.size()) {
+    const size_t count = references.size();
+    boxes_.reserve(count);
+    for (const Reference& reference : references) boxes_.push_back(reference.packed_bounds());
+    // Sorted once; splits keep the order of each side.
+    Array<uint64_t> keys(count);
+    for (int axis = 0; axis < 3; ++axis) {
+      for (uint32_t i = 0; i < count; ++i) {
+        keys[i] = uint64_t{OrderedBits(boxes_[i].HalfCentre()[axis])} << 32 | i;
+      }
+      std::sort(keys.begin(), keys.end());
+      orders_[axis].resize(count);
+      for (uint32_t i = 0; i < count; ++i) orders_[axis][i] = static_cast<uint32_t>(keys[i]);
+    }
+    dendrogram_.reserve(count - 1);
   }
 
   Dendrogram Build() {
-    Bounds bounds;
-    for (const Reference& reference : references_) bounds.Extend(reference.bounds);
-    Split(references_, bounds, 0);
+    Split(0, static_cast<uint32_t>(boxes_.size()), 0);
     return std::move(dendrogram_);
   }
 
  private:
-  // Returns the cluster of all `references`.
-  uint32_t Split(std::span<Reference> references, const Bounds& bounds, uint32_t depth) {
-    if (references.size() == 1 || context_.cancelled()) return references[0].primitive;
-    const ObjectSplit split = depth < kSahDepth ? SweepObjectSplit(references) : MedianSplit(references, bounds);
-    const size_t middle = Partition(references, split, context_);
-    if (context_.cancelled()) return references[0].primitive;
-    const uint32_t left = Split(references.first(middle), split.left, depth + 1);
-    const uint32_t right = Split(references.subspan(middle), split.right, depth + 1);
+  // The first ones along an axis go left.
+  struct Sweep {
+    int axis = 0;
+    uint32_t left_count = 0;
+  };
+
+  // Returns the cluster of all references that stand from `begin` to `end` in the orders.
+  uint32_t Split(uint32_t begin, uint32_t end, uint32_t depth) {
+    if (end - begin == 1 || context_.cancelled()) return orders_[0][begin];
+    PackedBounds bounds;
+    for (uint32_t i = begin; i < end; ++i) bounds.Extend(boxes_[orders_[0][i]]);
+    const Bounds box = static_cast<Bounds>(bounds);
+    const Sweep sweep = depth < kSahDepth ? CheapestSweep(begin, end, box) : Sweep{box.WidestAxis(), (end - begin) / 2};
+    Part(begin, end, sweep);
+    const uint32_t middle = begin + sweep.left_count;
+    const uint32_t left = Split(begin, middle, depth + 1);
+    const uint32_t right = Split(middle, end, depth + 1);
     dendrogram_.push_back({left, right});
-    return static_cast<uint32_t>(references_.size() + dendrogram_.size() - 1);
+    return static_cast<uint32_t>(boxes_.size() + dendrogram_.size() - 1);
   }
 
-  std::vector<Reference> references_;
+  Sweep CheapestSweep(uint32_t begin, uint32_t end, const Bounds& bounds) {
+    const uint32_t count = end - begin;
+    // Halves, where nothing can be told.
+    Sweep best{bounds.WidestAxis(), count / 2};
+    if (count == 2) return best;
+    const float scale = UnitScale(bounds);
+    float least = std::numeric_limits<float>::infinity();
+    uint32_t least_imbalance = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const uint32_t* const order = &orders_[axis][begin];
+      PackedBounds right;
+      for (uint32_t i = count; i-- > 1;) {
+        right.Extend(boxes_[order[i]]);
+        right_areas_[i] = right.HalfArea(scale);
+      }
+      PackedBounds left;
+      for (uint32_t i = 1; i < count; ++i) {
+        left.Extend(boxes_[order[i - 1]]);
+        const float cost = left.HalfArea(scale) * static_cast<float>(costs_.Work(i)) +
+                           right_areas_[i] * static_cast<float>(costs_.Work(count - i));
+        // Copies of a triangle cost the same wherever they are split; halves keep the tree flat.
+        const uint32_t imbalance = std::max(i, count - i);
+        if (cost > least || (cost == least && imbalance >= least_imbalance)) continue;
+        least = cost;
+        least_imbalance = imbalance;
+        best = {axis, i};
+      }
+    }
+    return best;
+  }
+
+  // Puts the left ones before the right ones in all three orders.
+  void Part(uint32_t begin, uint32_t end, const Sweep& sweep) {
+    for (uint32_t i = begin; i < end; ++i) is_left_[orders_[sweep.axis][i]] = i - begin < sweep.left_count;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (axis == sweep.axis) continue;
+      uint32_t* const order = orders_[axis].data();
+      uint32_t left = begin, right = 0;
+      // Without a branch on the side, which no predictor guesses.
+      for (uint32_t i = begin; i < end; ++i) {
+        const uint32_t reference = order[i];
+        const bool is_left = is_left_[reference];
+        order[left] = reference;
+        moved_[right] = reference;
+        left += is_left;
+        right += !is_left;
+      }
+      std::copy_n(moved_.begin(), right, order + left);
+    }
+  }
+
+  const SahCosts costs_;
   const BuildContext& context_;
+  Array<PackedBounds> boxes_;
+  std::array<Array<uint32_t>, 3> orders_;  // references by centre along each axis
+  Array<float> right_areas_;
+  Array<uint32_t> moved_;
+  Array<uint8_t> is_left_;  // by reference
   Dendrogram dendrogram_;
 };
 
 }  // namespace
 
-Dendrogram SplitBySweeps(std::span<const Reference> references, const BuildContext& context) {
-  return SweepBuilder(references, context).Build();
+Dendrogram SplitBySweeps(std::span<const Reference> references, const SahCosts& costs, const BuildContext& context) {
+  return SweepBuilder(references, costs, context).Build();
 }
 
 }  // namespace deltaray

@@ -8,12 +8,14 @@
 #include "server/build/build_context.h"
 #include "server/build/clustering.h"
 #include "server/build/reference.h"
+#include "server/build/sah.h"
 
 namespace deltaray {
 
-// Splits `references` down to single ones, each time by the cheapest of all object splits, up to depth kSahDepth;
-// below, in halves. Polls `context` at every split and returns anything once it is cancelled.
-Dendrogram SplitBySweeps(std::span<const Reference> references, const BuildContext& context);
+// Splits `references` down to single ones, each time by the cheapest of all object splits: those before and after each
+// centre along each axis. From depth kSahDepth on, in halves. Polls `context` at every split and returns anything once
+// it is cancelled. REQUIRES: references is not empty.
+Dendrogram SplitBySweeps(std::span<const Reference> references, const SahCosts& costs, const BuildContext& context);
 
 }  // namespace deltaray
 

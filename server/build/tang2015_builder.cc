@@ -13,6 +13,7 @@
 #include "server/build/collapse.h"
 #include "server/build/kd_plane.h"
 #include "server/build/object_split.h"
+#include "server/build/reduce_references.h"
 #include "server/build/sah.h"
 
 namespace deltaray {
@@ -104,20 +105,28 @@ class TopBuilder {
   void SplitObjects(Node& node, Node* left, Node* right) {
     const std::span<Reference> references = node.references.span();
     ObjectSplit split;
-    if (node.depth < kSahDepth) split = FindObjectSplit(references, context_);
+    if (node.depth < kSahDepth) {
+      split = FindObjectSplit(references, SumBounds(references, context_), costs_, context_);
+    }
+    size_t middle;
     if (split.IsFound()) {
       context_.object_splits.fetch_add(1, std::memory_order_relaxed);
+      middle = Partition(references, split, context_);
     } else {
-      split = MedianSplit(references, node.cell);
       context_.median_splits.fetch_add(1, std::memory_order_relaxed);
+      middle = PartitionAtMedian(references, node.cell);
     }
-    const size_t middle = Partition(references, split, context_);
-    left->cell = Intersection(split.left, node.cell);
-    right->cell = Intersection(split.right, node.cell);
-    left->references = ReferenceArray(middle, context_);
-    right->references = ReferenceArray(references.size() - middle, context_);
-    for (const Reference& reference : references.first(middle)) left->references.Add(reference);
-    for (const Reference& reference : references.subspan(middle)) right->references.Add(reference);
+    FillChild(references.first(middle), node.cell, left);
+    FillChild(references.subspan(middle), node.cell, right);
+  }
+
+  void FillChild(std::span<const Reference> references, const Bounds& cell, Node* child) {
+    child->references = ReferenceArray(references.size(), context_);
+    for (const Reference& reference : references) {
+      child->references.Add(reference);
+      child->cell.Extend(reference.bounds);
+    }
+    child->cell = Intersection(child->cell, cell);
   }
 
   void MakeDeltaLeaf(const Node& node, Subtree* out) {

@@ -25,12 +25,6 @@ struct Range {
   size_t room() const { return limit - end; }
 };
 
-struct BoundsSum {
-  Bounds bounds;
-  void Add(const Reference& reference) { bounds.Extend(reference.bounds); }
-  void Merge(const BoundsSum& other) { bounds.Extend(other.bounds); }
-};
-
 class TopDownBuilder {
  public:
   TopDownBuilder(ReferenceArray references, const TrianglesView& triangles, const Config& config, bool delta_leaves,
@@ -46,9 +40,7 @@ class TopDownBuilder {
   absl::StatusOr<SplitTree> Build() {
     std::vector<BvhNode> nodes;
     if (references_.size() > 0) {
-      const Bounds bounds = ReduceReferences(std::as_const(references_).span(), BoundsSum(), context_).bounds;
-      root_half_area_ = bounds.HalfArea();
-      Build({0, references_.size(), references_.capacity()}, bounds, 0, nodes);
+      Build({0, references_.size(), references_.capacity()}, 0, nodes);
       CloseGaps(nodes);
     }
     if (context_.cancelled()) return absl::CancelledError("the build was cancelled");
@@ -59,8 +51,12 @@ class TopDownBuilder {
   std::span<Reference> span(const Range& range) { return {references_.data() + range.begin, range.size()}; }
 
   // Appends the subtree over `range` to `nodes`, depth-first. Leaves' offsets point into references_.
-  void Build(Range range, const Bounds& bounds, uint32_t depth, std::vector<BvhNode>& nodes) {
+  void Build(Range range, uint32_t depth, std::vector<BvhNode>& nodes) {
+    const BoundsSum sum = SumBounds(span(range), context_);
     if (context_.cancelled()) return;
+    const Bounds bounds = static_cast<Bounds>(sum.bounds);
+    const double half_area = bounds.HalfArea();
+    if (depth == 0) root_half_area_ = half_area;
     const size_t node = nodes.size();
     nodes.push_back({bounds});
 
@@ -70,56 +66,49 @@ class TopDownBuilder {
     ObjectSplit object_split;
     SpatialSplit spatial_split;
     if (depth < kSahDepth) {
-      object_split = FindObjectSplit(span(range), context_);
+      object_split = FindObjectSplit(span(range), sum, costs_, context_);
       if (MaySplitInSpace(range, bounds, object_split)) {
-        spatial_split = FindSpatialSplit(span(range), triangles_, bounds, range.room(), context_);
+        spatial_split = FindSpatialSplit(span(range), triangles_, bounds, costs_, range.room(), context_);
       }
     }
-    const double half_area = bounds.HalfArea();
-    const double leaf_cost = costs_.Leaf(half_area, range.size());
+    const double leaf_cost = costs_.Leaf(half_area, static_cast<uint32_t>(range.size()));
     const double split_cost = costs_.Split(half_area, std::min(object_split.cost, spatial_split.cost));
     if (may_be_leaf && leaf_cost <= split_cost) return MakeLeaf(range, nodes[node]);
 
     // 2. Split: in space only where that pays, else by objects, and at the median where nothing else does.
-    Range left, right;
-    Bounds left_bounds, right_bounds;
+    size_t left_size;
     if (spatial_split.cost < object_split.cost && split_cost < leaf_cost) {
       context_.spatial_splits.fetch_add(1, std::memory_order_relaxed);
       const std::span<Reference> references_and_room(references_.data() + range.begin, range.limit - range.begin);
-      const SpatialParts parts = Partition(references_and_room, range.size(), triangles_, spatial_split, context_);
-      range.end = range.begin + parts.left_count + parts.right_count;
-      std::tie(left, right) = ShareRoom(range, parts.left_count);
-      left_bounds = parts.left;
-      right_bounds = parts.right;
+      const auto parts = Partition(references_and_room, range.size(), triangles_, spatial_split, context_);
+      left_size = parts.first;
+      range.end = range.begin + parts.first + parts.second;
+    } else if (object_split.IsFound()) {
+      context_.object_splits.fetch_add(1, std::memory_order_relaxed);
+      left_size = Partition(span(range), object_split, context_);
     } else {
-      if (object_split.IsFound()) {
-        context_.object_splits.fetch_add(1, std::memory_order_relaxed);
-      } else {
-        object_split = MedianSplit(span(range), bounds);
-        context_.median_splits.fetch_add(1, std::memory_order_relaxed);
-      }
-      std::tie(left, right) = ShareRoom(range, Partition(span(range), object_split, context_));
-      left_bounds = object_split.left;
-      right_bounds = object_split.right;
+      context_.median_splits.fetch_add(1, std::memory_order_relaxed);
+      left_size = PartitionAtMedian(span(range), bounds);
     }
     if (context_.cancelled()) return;
+    const auto [left, right] = ShareRoom(range, left_size);
 
     // 3. Build both children.
     if (range.size() < kTaskReferences) {
-      Build(left, left_bounds, depth + 1, nodes);
+      Build(left, depth + 1, nodes);
       nodes[node].offset = static_cast<uint32_t>(nodes.size());
-      Build(right, right_bounds, depth + 1, nodes);
+      Build(right, depth + 1, nodes);
       return;
     }
     std::vector<BvhNode> right_nodes;
     tbb::parallel_invoke(
-        [&] {
+        [&, left = left] {
           const BuildContext::CpuTime time(context_);
-          Build(left, left_bounds, depth + 1, nodes);
+          Build(left, depth + 1, nodes);
         },
-        [&] {
+        [&, right = right] {
           const BuildContext::CpuTime time(context_);
-          Build(right, right_bounds, depth + 1, right_nodes);
+          Build(right, depth + 1, right_nodes);
         });
     const uint32_t base = static_cast<uint32_t>(nodes.size());
     nodes[node].offset = base;

@@ -46,7 +46,7 @@ double LeastCost(std::span<const Reference> references, const Dendrogram& dendro
 TEST(CollapseTest, CostIsTheLeastAndThatOfTheTree) {
   const std::vector<Reference> references = RandomReferences(100, 7, 0.5);
   BuildContext context;
-  const Dendrogram dendrogram = SplitBySweeps(references, context);
+  const Dendrogram dendrogram = SplitBySweeps(references, SahCosts(Config()), context);
   for (const SahCosts& costs : {Costs(1, 1), Costs(5, 1), Costs(1, 80)}) {
     for (const uint32_t max_leaf_size : {1, 4, 255}) {
       const CollapsedTree tree(references, dendrogram, costs, max_leaf_size);
@@ -62,7 +62,7 @@ TEST(CollapseTest, CostIsTheLeastAndThatOfTheTree) {
 TEST(CollapseTest, LeavesKeepToTheirSize) {
   const std::vector<Reference> references = RandomReferences(200, 3, 2);
   BuildContext context;
-  const Dendrogram dendrogram = SplitBySweeps(references, context);
+  const Dendrogram dendrogram = SplitBySweeps(references, SahCosts(Config()), context);
   for (const uint32_t max_leaf_size : {1, 3, 8}) {
     const BvhArrays arrays = CollapsedTree(references, dendrogram, Costs(10, 1), max_leaf_size).ToBvhArrays();
     uint32_t largest = 0;

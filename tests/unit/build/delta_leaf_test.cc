@@ -38,7 +38,7 @@ TEST(DeltaLeafTest, IsTheCheapestOfItsCandidates) {
     for (const Dendrogram& dendrogram : {Cluster(references, ClusteringCost(0.6, config, bounds, diagonal), context),
                                          Cluster(references, ClusteringCost(1, config, bounds, diagonal), context),
                                          Cluster(references, ClusteringCost(0, config, bounds, diagonal), context),
-                                         SplitBySweeps(references, context)}) {
+                                         SplitBySweeps(references, SahCosts(Config()), context)}) {
       least = std::min(least, CollapsedTree(references, dendrogram, SahCosts(config), 8).cost());
     }
     EXPECT_NEAR(cost, least, 1e-9 * least) << seed;

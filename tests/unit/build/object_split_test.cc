@@ -35,8 +35,16 @@ void ExpectSplits(std::vector<Reference> references, const ObjectSplit& split) {
   const std::span<const Reference> all(references);
   EXPECT_EQ(UnionOf(all.first(left)), split.left);
   EXPECT_EQ(UnionOf(all.subspan(left)), split.right);
-  EXPECT_EQ(split.cost, split.left.HalfArea() * static_cast<double>(left) +
-                            split.right.HalfArea() * static_cast<double>(references.size() - left));
+  const size_t right = references.size() - left;
+  EXPECT_EQ(split.cost,
+            split.left.HalfArea() * static_cast<double>(left) + split.right.HalfArea() * static_cast<double>(right));
+}
+
+// The split of a builder that counts references one by one.
+ObjectSplit Find(std::span<const Reference> references) {
+  BuildContext context;
+  return FindObjectSplit(references, SumBounds(references, context),
+                         SahCosts(MakeConfig(Builder::kBvh, Preset::kBalanced)), context);
 }
 
 std::vector<Reference> Copies(uint32_t count) {
@@ -45,59 +53,55 @@ std::vector<Reference> Copies(uint32_t count) {
   return references;
 }
 
-TEST(ObjectSplitTest, SweepFindsTheCheapest) {
-  for (uint64_t seed = 0; seed < 20; ++seed) {
-    const std::vector<Reference> references = RandomReferences(2 + static_cast<uint32_t>(seed) * 3, seed);
-    const ObjectSplit split = SweepObjectSplit(references);
-    EXPECT_EQ(split.cost, LeastCost(references)) << seed;
-    ExpectSplits(references, split);
-  }
-}
-
-TEST(ObjectSplitTest, FewReferencesAreSwept) {
-  const std::vector<Reference> references = RandomReferences(32, 1);
-  BuildContext context;
-  EXPECT_EQ(FindObjectSplit(references, context).cost, LeastCost(references));
-}
-
 TEST(ObjectSplitTest, BinsComeCloseToTheCheapest) {
-  for (const uint32_t count : {100, 1000}) {
+  for (const uint32_t count : {3, 10, 50, 100, 200, 1000}) {
     const std::vector<Reference> references = RandomReferences(count, count);
-    BuildContext context;
-    const ObjectSplit split = FindObjectSplit(references, context);
+    const ObjectSplit split = Find(references);
     ExpectSplits(references, split);
-    EXPECT_LE(split.cost, 1.05 * LeastCost(references));
+    EXPECT_LE(split.cost, 1.05 * LeastCost(references)) << count;
   }
 }
 
 // More than one task bins these.
 TEST(ObjectSplitTest, ManyReferencesSplit) {
   const std::vector<Reference> references = RandomReferences(100'000, 3, 0.01);
-  BuildContext context;
-  ExpectSplits(references, FindObjectSplit(references, context));
+  ExpectSplits(references, Find(references));
 }
 
-TEST(ObjectSplitTest, OneReferenceDoesNotSplit) {
-  BuildContext context;
-  EXPECT_FALSE(FindObjectSplit(RandomReferences(1, 1), context).IsFound());
-  EXPECT_FALSE(SweepObjectSplit({}).IsFound());
+// Areas overflow float, and so do differences of coordinates; or the former vanish.
+TEST(ObjectSplitTest, HugeAndTinyReferencesSplit) {
+  for (const float size : {3e38f, 1e-30f}) {
+    std::vector<Reference> references = RandomReferences(100, 1);
+    for (Reference& reference : references) {
+      for (int axis = 0; axis < 3; ++axis) {
+        reference.bounds.min[axis] = size * std::min(2 * reference.bounds.min[axis] - 1, 1.0f);
+        reference.bounds.max[axis] = size * std::min(2 * reference.bounds.max[axis] - 1, 1.0f);
+      }
+    }
+    ExpectSplits(references, Find(references));
+    EXPECT_LE(Find(references).cost, 1.05 * LeastCost(references)) << size;
+  }
 }
 
-TEST(ObjectSplitTest, ManyCopiesSplitOnlyInHalves) {
+TEST(ObjectSplitTest, GroupsThatAreBegunCountAsFull) {
+  // A row of ten boxes that are alike: halves are cheapest, but eight and two begin as few groups.
+  std::vector<Reference> references = Copies(10);
+  for (Reference& reference : references) {
+    reference.bounds.min.x += static_cast<float>(2 * reference.primitive);
+    reference.bounds.max.x += static_cast<float>(2 * reference.primitive);
+  }
+  BuildContext context;
+  EXPECT_EQ(Partition(references, Find(references), context), 5u);
+  const ObjectSplit split = FindObjectSplit(references, SumBounds(references, context), SahCosts(Config()), context);
+  EXPECT_EQ(split.cost, 8 * (split.left.HalfArea() + split.right.HalfArea()));
+}
+
+TEST(ObjectSplitTest, OneReferenceDoesNotSplit) { EXPECT_FALSE(Find(RandomReferences(1, 1)).IsFound()); }
+
+TEST(ObjectSplitTest, CopiesSplitOnlyInHalves) {
   std::vector<Reference> references = Copies(1001);
-  BuildContext context;
-  EXPECT_FALSE(FindObjectSplit(references, context).IsFound());
-  const ObjectSplit median = MedianSplit(references, UnionOf(references));
-  ExpectSplits(references, median);
-  EXPECT_EQ(Partition(references, median, context), 500u);
-}
-
-// All splits of copies cost the same; taking the first would peel off one at a time.
-TEST(ObjectSplitTest, SweepHalvesCopies) {
-  std::vector<Reference> references = Copies(16);
-  const ObjectSplit split = SweepObjectSplit(references);
-  BuildContext context;
-  EXPECT_EQ(Partition(references, split, context), 8u);
+  EXPECT_FALSE(Find(references).IsFound());
+  EXPECT_EQ(PartitionAtMedian(references, UnionOf(references)), 500u);
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ struct Node {
   std::span<const Reference> used() const { return std::span(references).first(count); }
   SpatialSplit Find(size_t room) const {
     BuildContext context;
-    return FindSpatialSplit(used(), mesh.triangles(), bounds, room, context);
+    return FindSpatialSplit(used(), mesh.triangles(), bounds, SahCosts(Config()), room, context);
   }
 };
 
@@ -48,9 +48,11 @@ TEST(SpatialSplitTest, PartsTwoLongTrianglesThatCross) {
   const SpatialSplit split = node.Find(node.count);
   ASSERT_TRUE(split.IsFound());
   BuildContext context;
-  const SpatialParts parts = Partition(node.references, node.count, node.mesh.triangles(), split, context);
-  EXPECT_EQ(parts.left_count + parts.right_count, 6u);
-  EXPECT_LT(Intersection(parts.left, parts.right).HalfArea(), 0.1 * node.bounds.HalfArea());
+  const auto [left, right] = Partition(node.references, node.count, node.mesh.triangles(), split, context);
+  EXPECT_EQ(left + right, 6u);
+  const std::span<const Reference> all(node.references);
+  EXPECT_LT(Intersection(UnionOf(all.first(left)), UnionOf(all.subspan(left, right))).HalfArea(),
+            0.1 * node.bounds.HalfArea());
 }
 
 TEST(SpatialSplitTest, NothingOfATriangleIsLost) {
@@ -59,14 +61,14 @@ TEST(SpatialSplitTest, NothingOfATriangleIsLost) {
     const SpatialSplit split = node.Find(node.count);
     ASSERT_TRUE(split.IsFound());
     BuildContext context;
-    const SpatialParts parts = Partition(node.references, node.count, node.mesh.triangles(), split, context);
-    const size_t all = parts.left_count + parts.right_count;
+    const auto [left, right] = Partition(node.references, node.count, node.mesh.triangles(), split, context);
+    const size_t all = left + right;
     // Both sides are smaller than the whole.
-    EXPECT_LT(parts.left_count, node.count);
-    EXPECT_LT(parts.right_count, node.count);
+    EXPECT_LT(left, node.count);
+    EXPECT_LT(right, node.count);
+    EXPECT_GT(left, 0u);
+    EXPECT_GT(right, 0u);
     ASSERT_GE(all, node.count);
-    EXPECT_EQ(UnionOf(std::span(node.references).first(parts.left_count)), parts.left);
-    EXPECT_EQ(UnionOf(std::span(node.references).subspan(parts.left_count, parts.right_count)), parts.right);
 
     std::map<uint32_t, std::vector<Bounds>> parts_of;
     for (size_t i = 0; i < all; ++i) {
@@ -101,8 +103,8 @@ TEST(SpatialSplitTest, StaysWithinTheRoom) {
     if (!split.IsFound()) continue;
     std::vector<Reference> references(node.used().begin(), node.used().end());
     references.resize(node.count + room);
-    const SpatialParts parts = Partition(references, node.count, node.mesh.triangles(), split, context);
-    EXPECT_LE(parts.left_count + parts.right_count, node.count + room);
+    const auto [left, right] = Partition(references, node.count, node.mesh.triangles(), split, context);
+    EXPECT_LE(left + right, node.count + room);
   }
 }
 
@@ -119,8 +121,9 @@ TEST(SpatialSplitTest, FlatTrianglesInThePlaneGoToOneSide) {
   AddTriangle(&mesh, {0, 0, 16}, {1, 0, 16}, {0, 1, 16});
   Node node(mesh);
   BuildContext context;
-  const SpatialParts parts = Partition(node.references, node.count, node.mesh.triangles(), {1, 2, 8.0f}, context);
-  EXPECT_EQ(parts.left_count + parts.right_count, node.count);
+  const SpatialSplit split{1, PointBins(PackedBounds(node.bounds), 16), 2, 8, 8.0f};
+  const auto [left, right] = Partition(node.references, node.count, node.mesh.triangles(), split, context);
+  EXPECT_EQ(left + right, node.count);
 }
 
 }  // namespace
