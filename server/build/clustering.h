@@ -26,7 +26,8 @@ using Dendrogram = std::vector<Merge>;
 //     C = α · { Ct + SA(B1 ∪ B2) / SA(Ball) · (N1 + N2) · Ci } + (1 − α) · d²
 //
 // B: their boxes; N: their numbers of references; Ball: the box of the whole mesh; d: the distance between the boxes.
-// α · Ct is left out, since it is the same for all pairs. α = 1: area only. α = 0: distance only.
+// α · Ct is left out, since it is the same for all pairs. α = 1: area only. α = 0: distance only. For the hybrid, whose
+// leaves are tested in groups, N1 + N2 counts the last group as a full one (see SahCosts); printed it counts triangles.
 class ClusteringCost {
  public:
   // Distances are divided by `distance_unit`: printed is 1, which makes the tree depend on the mesh's unit; the hybrid
@@ -35,20 +36,22 @@ class ClusteringCost {
 
   double area_weight() const { return area_weight_; }          // of half area times number of references
   double distance_weight() const { return distance_weight_; }  // of squared distance
+  uint32_t group_size() const { return group_size_; }          // that references are counted in
 
  private:
   double area_weight_;
   double distance_weight_;
+  uint32_t group_size_;
 };
 
-// Merges the pair of least cost until one cluster is left. Of pairs of the same cost, which one comes first is fixed by
-// the order of `references`, so that the same input gives the same output.
+// Merges the pair of least cost, in float, until one cluster is left. Of pairs of the same cost, which one comes first
+// is fixed by the order of `references`, so that the same input gives the same output, on any machine.
 //
 // Each cluster keeps a nearest neighbour and its cost. A merge can take a cluster's neighbour away, but makes none of
 // its other pairs cheaper save that with the new cluster, which is looked at; so the kept cost still bounds it from
 // below, and a new neighbour is looked for only once that bound is the least of all [Müllner 2011]. That takes O(n²)
 // time in practice (the worst case is O(n³)) where table 2 as printed takes O(n³), and O(n) memory. Polls `context` at
-// every merge and returns anything once it is cancelled.
+// every merge and returns anything once it is cancelled. Uses the widest vector registers that the machine has.
 Dendrogram Cluster(std::span<const Reference> references, const ClusteringCost& cost, const BuildContext& context);
 
 }  // namespace deltaray
