@@ -106,7 +106,9 @@ class TopBuilder {
     const std::span<Reference> references = node.references.span();
     ObjectSplit split;
     if (node.depth < kSahDepth) {
-      split = FindObjectSplit(references, SumBounds(references, context_), costs_, context_);
+      const BoundsSum sum = SumBounds(references, context_);
+      if (context_.cancelled()) return;
+      split = FindObjectSplit(references, sum, costs_, context_);
     }
     size_t middle;
     if (split.IsFound()) {
