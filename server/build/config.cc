@@ -3,6 +3,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "server/build/sah.h"
 
 namespace deltaray {
 namespace {
@@ -21,8 +22,16 @@ Config MakeConfig(Builder builder, Preset preset) {
   config.preset = preset;
   switch (builder) {
     case Builder::kHybrid:
-      if (preset == Preset::kBest) config.spatial_split_gate = 1e-5;
-      if (preset == Preset::kFast) config.duplication_budget = 0.25;
+      if (preset == Preset::kBest) {
+        config.spatial_split_gate = 1e-5;
+        config.duplication_budget = 1;
+      }
+      if (preset == Preset::kFast) {
+        // δ-leaves of one group: there is no tree in them to look for.
+        config.delta = 1u << kLeafGroupShift;
+        config.spatial_split_gate = 1;
+        config.duplication_budget = 0;
+      }
       break;
     case Builder::kKdTree:
       config.duplication_budget = 8;
@@ -33,6 +42,7 @@ Config MakeConfig(Builder builder, Preset preset) {
       break;
     case Builder::kSbvh:
       config.spatial_split_gate = 1e-5;
+      config.duplication_budget = 1;
       break;
     case Builder::kTang2015:
       config.intersection_cost = 80;

@@ -34,7 +34,7 @@ struct Config {
   // root's area. 0: always; 1: never. [Stich 2009], section 4.5.
   double spatial_split_gate = 1e-3;
   // Spatial splits may add at most this many references per triangle. 0 to 16.
-  double duplication_budget = 1;
+  double duplication_budget = 0.5;
   // Build δ-leaves only when the first ray reaches them. Hybrid only.
   bool lazy = false;
 };

@@ -13,11 +13,23 @@ namespace deltaray {
 namespace {
 
 constexpr int kBins = 16;
+// Planes across an axis in which a node is narrower than this part of its greatest width were measured to gain nothing.
+constexpr double kLeastWidth = 0.5;
 
 // The plane below bin `i`.
 float Position(const Bounds& bounds, int axis, int i) {
   const double min = bounds.min[axis], max = bounds.max[axis];
   return static_cast<float>(min + (max - min) * i / kBins);
+}
+
+// `bounds` without width along the axes that are not to be cut.
+PackedBounds WideAxes(const Bounds& bounds) {
+  const auto width = [&](int axis) { return static_cast<double>(bounds.max[axis]) - bounds.min[axis]; };
+  PackedBounds wide(bounds);
+  for (int axis = 0; axis < 3; ++axis) {
+    if (width(axis) < kLeastWidth * width(bounds.WidestAxis())) wide.max[axis] = wide.min[axis];
+  }
+  return wide;
 }
 
 // The first and the last bin that a reference is in.
@@ -84,6 +96,7 @@ struct SpatialBins {
     const PackedBounds packed = reference.packed_bounds();
     const BinRange range(*points, packed);
     for (int axis = 0; axis < 3; ++axis) {
+      if (!points->CanCut(axis)) continue;
       const int first = range.first[axis], last = range.last[axis];
       ++bins[axis][first].entered;
       ++bins[axis][last].left;
@@ -154,7 +167,7 @@ struct Part {
 
 SpatialSplit FindSpatialSplit(std::span<const Reference> references, const TrianglesView& triangles,
                               const Bounds& bounds, const SahCosts& costs, size_t room, BuildContext& context) {
-  const PointBins points(PackedBounds(bounds), kBins);
+  const PointBins points(WideAxes(bounds), kBins);
   std::array<std::array<float, kBins>, 3> planes;
   for (int axis = 0; axis < 3; ++axis) {
     for (int i = 0; i < kBins; ++i) planes[axis][i] = Position(bounds, axis, i);

@@ -31,9 +31,10 @@ struct SpatialSplit {
   bool IsFound() const { return cost < std::numeric_limits<double>::infinity(); }
 };
 
-// The cheapest of the planes that cut `bounds` in 16 bins along each axis, by chopped binning with the triangles
-// clipped to the bins. Only of those that leave fewer references than there are on each side and cut at most `room`;
-// none where there is no such plane. `bounds`: the box of the references.
+// The cheapest of the planes that cut `bounds` in 16 bins along each axis in which it is at least half as wide as in
+// the widest, by chopped binning with the triangles clipped to the bins. Only of those that leave fewer references than
+// there are on each side and cut at most `room`; none where there is no such plane. `bounds`: the box of the
+// references.
 SpatialSplit FindSpatialSplit(std::span<const Reference> references, const TrianglesView& triangles,
                               const Bounds& bounds, const SahCosts& costs, size_t room, BuildContext& context);
 
