@@ -44,10 +44,14 @@ class BoxTest {
   // An interval that holds every t for which the ray's point lies in the closed `box`, t_min <= t <= t_max and t <=
   // limit. Empty only if there is none. `limit` may be infinite; an empty box gives an empty interval.
   Interval operator()(const Bounds& box, double limit) const {
+    return (*this)(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max), limit);
+  }
+  // The same of a box with corners in double, of magnitude up to 2^129 as those of float.
+  Interval operator()(Vec3d min, Vec3d max, double limit) const {
     double first = first_, last = std::min(last_, limit);
     for (int axis = 0; axis < 3; ++axis) {
-      const double near = Crossing(axis, negative_[axis] ? box.max[axis] : box.min[axis]);
-      const double far = Crossing(axis, negative_[axis] ? box.min[axis] : box.max[axis]);
+      const double near = Crossing(axis, negative_[axis] ? max[axis] : min[axis]);
+      const double far = Crossing(axis, negative_[axis] ? min[axis] : max[axis]);
       // The order of the operands matters: a NaN on the left of < leaves first and last as they are.
       first = near > first ? near : first;
       last = far < last ? far : last;
@@ -58,7 +62,7 @@ class BoxTest {
 
   // The t at which the ray crosses the plane where coordinate `axis` is `position`, rounded. Infinite or NaN where the
   // ray runs along the plane.
-  double Crossing(int axis, float position) const { return (position - origin_[axis]) * inverse_[axis]; }
+  double Crossing(int axis, double position) const { return (position - origin_[axis]) * inverse_[axis]; }
 
   // Lower and upper bounds of the exact t that Crossing rounded.
   static double Earlier(double t) { return t - kSlabRounding * std::abs(t); }

@@ -11,12 +11,12 @@ namespace deltaray {
 // A tree that answers rays one by one, exactly.
 class TraversedTree : public Tree {
  public:
-  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const final;
-  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const final;
+  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override;
+  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override;
   void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
                std::span<uint32_t> counts) const final;
   void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const final;
-  AccuracyLevel answered_accuracy(AccuracyLevel) const final { return AccuracyLevel::kExact; }
+  AccuracyLevel answered_accuracy(AccuracyLevel) const override { return AccuracyLevel::kExact; }
 
  protected:
   // `triangles` must outlive the tree.

@@ -16,10 +16,19 @@ namespace deltaray {
 // Levels of accuracy, from the fastest to the most accurate.
 enum class AccuracyLevel : uint8_t { kFast = 1, kWatertight = 2, kExact = 3 };
 
+// How rays are led through a tree; answers do not depend on it. Structures that know one way only take that.
+enum class Traversal : uint8_t {
+  kAuto,    // packets where the rays are coherent, batches else
+  kSingle,  // one ray after the other
+  kBatch,   // many rays in flight, each on its own
+  kPacket,  // neighbours in the batch together
+};
+
 struct QueryOptions {
   Culling culling = Culling::kNone;
   // The least accuracy to answer with; see Tree::answered_accuracy.
   AccuracyLevel accuracy = AccuracyLevel::kExact;
+  Traversal traversal = Traversal::kAuto;
   // AllHits: most hits per ray, the nearest ones. At least 1.
   uint32_t max_hits_per_ray = 64;
 };
@@ -30,14 +39,16 @@ struct TreeShape {
   uint64_t leaves = 0;      // empty kd leaves included
   uint64_t references = 0;  // at least the number of triangles
   uint32_t max_depth = 0;   // the root has depth 0
-  double sah_cost = 0;      // with Ct = Ci = 1, areas relative to the root's
+  // With Ct = Ci = 1 and areas relative to the root's. The triangles of a wide tree's leaf are tested at once and count
+  // as one: its costs compare with those of wide trees of the same width.
+  double sah_cost = 0;
   uint64_t node_bytes = 0;
   uint64_t reference_bytes = 0;
 };
 
 // An immutable structure over the triangles of one mesh. All methods may be called from any number of threads at once,
-// and take no lock. The answer is a function of triangles and ray alone: every structure gives the same bits as
-// BruteForce.
+// and take no lock. At AccuracyLevel::kExact the answer is a function of triangles and ray alone: every structure gives
+// the same bits as BruteForce.
 //
 // `rays` and the outputs have the same length. No method throws, save for lack of memory.
 class Tree {
@@ -59,7 +70,8 @@ class Tree {
   // counts[i]: number of triangles that rays[i] hits.
   virtual void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const = 0;
 
-  // The level that queries asking for `level` are answered with: at least `level`.
+  // The level that ClosestHits and AnyHits asking for `level` are answered with: at least `level`. AllHits and
+  // CountHits are always exact.
   virtual AccuracyLevel answered_accuracy(AccuracyLevel level) const = 0;
 
   // For a provisional tree, of the parts built so far.

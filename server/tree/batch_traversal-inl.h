@@ -1,0 +1,136 @@
+// Many rays in flight through a wide tree, each on its own.
+
+#if defined(SERVER_TREE_BATCH_TRAVERSAL_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_BATCH_TRAVERSAL_INL_H_
+#undef SERVER_TREE_BATCH_TRAVERSAL_INL_H_
+#else
+#define SERVER_TREE_BATCH_TRAVERSAL_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "hwy/highway.h"
+#include "server/tree/leaf_test-inl.h"
+#include "server/tree/node_test-inl.h"
+#include "server/tree/ray_kernels.h"
+#include "server/tree/ray_setup-inl.h"
+#include "server/tree/traversal_scratch.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+// Trees above this size do not fit in a core's own cache.
+constexpr size_t kPrefetchBytes = size_t{2} << 20;
+
+// Leads the rays of a batch through the tree. All rays in flight take a step in a node, then all that have come to a
+// leaf test it, and so on: while the memory that one ray waits for is on its way, the others work. `Query` says what is
+// made of the leaves (queries-inl.h).
+template <typename Query, bool kPrefetch>
+class BatchTraversal {
+ public:
+  BatchTraversal(const WideScene& scene, std::span<const Ray> rays, Query& query, size_t in_flight,
+                 std::vector<uint32_t>* odd)
+      : base_(scene.arrays.block.data()),
+        rays_(rays),
+        query_(query),
+        in_flight_(in_flight),
+        odd_(odd),
+        setup_(scene.arrays),
+        scratch_(StackEntries(scene.arrays.levels), in_flight) {}
+
+  HWY_ATTR void Run() {
+    // Copies, so that the compiler knows that no store changes them.
+    const std::byte* const base = base_;
+    RaySlot* const slots = scratch_.slots();
+    const size_t stack_entries = scratch_.stack_entries();
+    int32_t* const keys = scratch_.keys();
+    uint32_t* const refs = scratch_.refs();
+    uint32_t* nodes = scratch_.list(0);
+    uint32_t* next_nodes = scratch_.list(1);
+    uint32_t* leaves = scratch_.list(2);
+    uint32_t* next_leaves = scratch_.list(3);
+
+    size_t node_count = 0, leaf_count = 0;
+    while (node_count < in_flight_ && Refill(slots[node_count])) {
+      nodes[node_count] = static_cast<uint32_t>(node_count);
+      ++node_count;
+    }
+    while (node_count + leaf_count > 0) {
+      size_t next_node_count = 0, next_leaf_count = 0;
+      // Leads a slot to what is next for it. Both lists are written to, one of them in vain: no branch could be
+      // foretold.
+      const auto go_on = [&](uint32_t index, RaySlot& ray, const RayStack& stack) HWY_ATTR {
+        if (HWY_UNLIKELY(!Pop(ray, stack))) {
+          query_.End(ray);
+          if (Refill(ray)) next_nodes[next_node_count++] = index;
+          return;
+        }
+        const ChildRef next(ray.current);
+        if (kPrefetch) Prefetch(base + next.offset() * kUnitBytes);
+        const size_t is_leaf = next.IsLeaf();
+        next_nodes[next_node_count] = index;
+        next_node_count += 1 - is_leaf;
+        next_leaves[next_leaf_count] = index;
+        next_leaf_count += is_leaf;
+      };
+      for (size_t i = 0; i < node_count; ++i) {
+        const uint32_t index = nodes[i];
+        RaySlot& ray = slots[index];
+        const RayStack stack{keys + index * stack_entries, refs + index * stack_entries};
+        PushChildren(base + ChildRef(ray.current).offset() * kUnitBytes, ray, stack);
+        go_on(index, ray, stack);
+      }
+      for (size_t i = 0; i < leaf_count; ++i) {
+        const uint32_t index = leaves[i];
+        RaySlot& ray = slots[index];
+        const RayStack stack{keys + index * stack_entries, refs + index * stack_entries};
+        const ChildRef leaf(ray.current);
+        query_.Visit(ray, {reinterpret_cast<const float*>(base + leaf.offset() * kUnitBytes), leaf.triangles()});
+        go_on(index, ray, stack);
+      }
+      std::swap(nodes, next_nodes);
+      std::swap(leaves, next_leaves);
+      node_count = next_node_count, leaf_count = next_leaf_count;
+    }
+  }
+
+ private:
+  // Puts the next ray that is to be traced in the slot, at the root. False: there is none.
+  HWY_ATTR bool Refill(RaySlot& slot) {
+    while (next_ray_ < rays_.size()) {
+      slot.ray = next_ray_++;
+      switch (setup_.Make(rays_[slot.ray], slot)) {
+        case RaySetup::Kind::kTraced:
+          slot.current = ChildRef::Node(0).bits();
+          Query::SetUp(slot);
+          return true;
+        case RaySetup::Kind::kMisses:
+          query_.End(slot);
+          break;
+        case RaySetup::Kind::kOdd:
+          odd_->push_back(slot.ray);
+          break;
+      }
+    }
+    return false;
+  }
+
+  const std::byte* const base_;
+  const std::span<const Ray> rays_;
+  Query& query_;
+  const size_t in_flight_;
+  std::vector<uint32_t>* const odd_;
+  const RaySetup setup_;
+  TraversalScratch scratch_;
+  uint32_t next_ray_ = 0;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_BATCH_TRAVERSAL_INL_H_

@@ -1,0 +1,238 @@
+// One ray against all triangles of a leaf at once, at each level of accuracy.
+
+#if defined(SERVER_TREE_LEAF_TEST_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_LEAF_TEST_INL_H_
+#undef SERVER_TREE_LEAF_TEST_INL_H_
+#else
+#define SERVER_TREE_LEAF_TEST_INL_H_
+#endif
+
+#include <cstdint>
+
+#include "hwy/highway.h"
+#include "server/geometry/ray.h"
+#include "server/tree/ray_slot.h"
+#include "server/tree/wide_node.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Triangles that are tested at once: a whole leaf, or half of one where registers have only 4 lanes.
+using DLeaf = hn::CappedTag<float, kMaxLeafTriangles>;
+using VLeaf = hn::Vec<DLeaf>;
+using MLeaf = hn::Mask<DLeaf>;
+constexpr uint32_t kLeafLanes = hn::MaxLanes(DLeaf());
+
+// A leaf in memory.
+struct LeafView {
+  const float* columns;
+  uint32_t count;
+
+  HWY_ATTR VLeaf Corner(int corner, int axis, uint32_t first) const {
+    return hn::LoadU(DLeaf(), columns + (3 * corner + axis) * count + first);
+  }
+  const uint32_t* ids() const { return reinterpret_cast<const uint32_t*>(columns + kIdColumn * count); }
+  uint32_t Primitive(uint32_t lane) const { return ids()[lane] & kPrimitiveMask; }
+  // No edge is longer than this along any axis.
+  float Size() const {
+    const uint32_t bits = (128 - (ids()[0] >> kPrimitiveBits)) << 23;
+    float size;
+    __builtin_memcpy(&size, &bits, sizeof(size));
+    return size;
+  }
+};
+
+// Some lanes of a leaf that a ray hits, with t, u, v in the tree's frame; or that it may hit, and t a lower bound.
+struct LeafHits {
+  MLeaf mask;
+  VLeaf t, u, v;
+  MLeaf back;
+};
+
+// Möller–Trumbore in float [Möller and Trumbore 1997]: t = T/det, u = U/det, v = V/det.
+struct MollerTrumbore {
+  VLeaf det, u, v, t;
+
+  HWY_ATTR MollerTrumbore(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
+    const DLeaf d;
+    const VLeaf x0 = leaf.Corner(0, 0, first), y0 = leaf.Corner(0, 1, first), z0 = leaf.Corner(0, 2, first);
+    const VLeaf e1x = hn::Sub(leaf.Corner(1, 0, first), x0), e2x = hn::Sub(leaf.Corner(2, 0, first), x0);
+    const VLeaf e1y = hn::Sub(leaf.Corner(1, 1, first), y0), e2y = hn::Sub(leaf.Corner(2, 1, first), y0);
+    const VLeaf e1z = hn::Sub(leaf.Corner(1, 2, first), z0), e2z = hn::Sub(leaf.Corner(2, 2, first), z0);
+    const VLeaf dx = hn::Set(d, ray.direction[0]), dy = hn::Set(d, ray.direction[1]), dz = hn::Set(d, ray.direction[2]);
+    const VLeaf sx = hn::Sub(hn::Set(d, ray.origin[0]), x0);
+    const VLeaf sy = hn::Sub(hn::Set(d, ray.origin[1]), y0);
+    const VLeaf sz = hn::Sub(hn::Set(d, ray.origin[2]), z0);
+    const VLeaf px = Difference(dy, e2z, dz, e2y), py = Difference(dz, e2x, dx, e2z), pz = Difference(dx, e2y, dy, e2x);
+    const VLeaf qx = Difference(sy, e1z, sz, e1y), qy = Difference(sz, e1x, sx, e1z), qz = Difference(sx, e1y, sy, e1x);
+    det = Dot(e1x, e1y, e1z, px, py, pz);
+    u = Dot(sx, sy, sz, px, py, pz);
+    v = Dot(dx, dy, dz, qx, qy, qz);
+    t = Dot(e2x, e2y, e2z, qx, qy, qz);
+  }
+
+ private:
+  HWY_ATTR static VLeaf Difference(VLeaf a, VLeaf b, VLeaf c, VLeaf d) { return hn::MulSub(a, b, hn::Mul(c, d)); }
+  HWY_ATTR static VLeaf Dot(VLeaf ax, VLeaf ay, VLeaf az, VLeaf bx, VLeaf by, VLeaf bz) {
+    return hn::MulAdd(ax, bx, hn::MulAdd(ay, by, hn::Mul(az, bz)));
+  }
+};
+
+HWY_ATTR inline MLeaf NotCulled(Culling culling, MLeaf back) {
+  const MLeaf all = hn::FirstN(DLeaf(), kLeafLanes);
+  return culling == Culling::kNone ? all : culling == Culling::kBack ? hn::Not(back) : back;
+}
+
+// AccuracyLevel::kFast.
+struct FastTest {
+  static constexpr bool kExact = false;
+
+  HWY_ATTR static void SetUp(RaySlot&) {}
+
+  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling) {
+    const DLeaf d;
+    const MollerTrumbore test(ray, leaf, first);
+    // Turn everything so that the determinant counts as positive.
+    const VLeaf sign = hn::And(test.det, hn::SignBit(d));
+    const VLeaf det = hn::Xor(test.det, sign);
+    const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);
+    const VLeaf zero = hn::Zero(d);
+    const MLeaf inside = hn::And(hn::Ge(hn::Min(u, v), zero), hn::Le(hn::Add(u, v), det));
+    const MLeaf in_range =
+        hn::And(hn::Ge(t, hn::Mul(hn::Set(d, ray.t_min), det)), hn::Le(t, hn::Mul(hn::Set(d, ray.limit), det)));
+    LeafHits hits;
+    hits.mask = hn::And(hn::And(inside, in_range), hn::And(hn::Gt(det, zero), hn::FirstN(d, leaf.count - first)));
+    if (hn::AllFalse(d, hits.mask)) return hits;
+    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), det);
+    hits.t = hn::Mul(t, inverse), hits.u = hn::Mul(u, inverse), hits.v = hn::Mul(v, inverse);
+    hits.back = hn::Lt(test.det, zero);
+    hits.mask = hn::And(hits.mask, NotCulled(culling, hits.back));
+    return hits;
+  }
+};
+
+// AccuracyLevel::kWatertight: [Woop 2013]. The triangle is sheared so that the ray runs along the last axis through 0;
+// its edges' functions there are computed from the same two corners in the same way for both triangles at an edge. A
+// sign is never wrong: products are rounded before they are compared, not fused, and 0 counts as inside.
+struct WatertightTest {
+  static constexpr bool kExact = false;
+
+  HWY_ATTR static void SetUp(RaySlot& ray) {
+    const auto magnitude = [&ray](int axis) { return __builtin_fabsf(ray.direction[axis]); };
+    uint32_t z = magnitude(1) > magnitude(0) ? 1 : 0;
+    if (magnitude(2) > magnitude(z)) z = 2;
+    uint32_t x = z == 2 ? 0 : z + 1, y = 3 - z - x;
+    // Keeps the winding.
+    if (ray.direction[z] < 0) {
+      const uint32_t swap = x;
+      x = y, y = swap;
+    }
+    ray.axis[0] = x, ray.axis[1] = y, ray.axis[2] = z;
+    ray.shear[2] = 1 / ray.direction[z];
+    ray.shear[0] = ray.direction[x] * ray.shear[2];
+    ray.shear[1] = ray.direction[y] * ray.shear[2];
+  }
+
+  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling) {
+    const DLeaf d;
+    const uint32_t kx = ray.axis[0], ky = ray.axis[1], kz = ray.axis[2];
+    const VLeaf ox = hn::Set(d, ray.origin[kx]), oy = hn::Set(d, ray.origin[ky]), oz = hn::Set(d, ray.origin[kz]);
+    const VLeaf shear_x = hn::Set(d, ray.shear[0]), shear_y = hn::Set(d, ray.shear[1]);
+    const VLeaf az = hn::Sub(leaf.Corner(0, kz, first), oz);
+    const VLeaf bz = hn::Sub(leaf.Corner(1, kz, first), oz);
+    const VLeaf cz = hn::Sub(leaf.Corner(2, kz, first), oz);
+    const VLeaf ax = hn::NegMulAdd(shear_x, az, hn::Sub(leaf.Corner(0, kx, first), ox));
+    const VLeaf ay = hn::NegMulAdd(shear_y, az, hn::Sub(leaf.Corner(0, ky, first), oy));
+    const VLeaf bx = hn::NegMulAdd(shear_x, bz, hn::Sub(leaf.Corner(1, kx, first), ox));
+    const VLeaf by = hn::NegMulAdd(shear_y, bz, hn::Sub(leaf.Corner(1, ky, first), oy));
+    const VLeaf cx = hn::NegMulAdd(shear_x, cz, hn::Sub(leaf.Corner(2, kx, first), ox));
+    const VLeaf cy = hn::NegMulAdd(shear_y, cz, hn::Sub(leaf.Corner(2, ky, first), oy));
+    const VLeaf a = hn::Sub(hn::Mul(cx, by), hn::Mul(cy, bx));
+    const VLeaf b = hn::Sub(hn::Mul(ax, cy), hn::Mul(ay, cx));
+    const VLeaf c = hn::Sub(hn::Mul(bx, ay), hn::Mul(by, ax));
+    const VLeaf zero = hn::Zero(d);
+    const MLeaf inside = hn::Or(hn::Ge(hn::Min(hn::Min(a, b), c), zero), hn::Le(hn::Max(hn::Max(a, b), c), zero));
+    const VLeaf det = hn::Add(hn::Add(a, b), c);
+    LeafHits hits;
+    hits.mask = hn::And(hn::And(inside, hn::Ne(det, zero)), hn::FirstN(d, leaf.count - first));
+    if (hn::AllFalse(d, hits.mask)) return hits;
+    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), det);
+    const VLeaf t = hn::MulAdd(a, az, hn::MulAdd(b, bz, hn::Mul(c, cz)));
+    hits.t = hn::Mul(hn::Mul(t, hn::Set(d, ray.shear[2])), inverse);
+    hits.u = hn::Mul(b, inverse), hits.v = hn::Mul(c, inverse);
+    hits.back = hn::Lt(det, zero);
+    const MLeaf in_range = hn::And(hn::Ge(hits.t, hn::Set(d, ray.t_min)), hn::Le(hits.t, hn::Set(d, ray.limit)));
+    hits.mask = hn::And(hn::And(hits.mask, in_range), NotCulled(culling, hits.back));
+    return hits;
+  }
+};
+
+// AccuracyLevel::kExact, first stage: keeps all triangles that the ray may hit. Each value is known within its slack;
+// README.md derives them.
+struct ExactTest {
+  static constexpr bool kExact = true;
+
+  HWY_ATTR static void SetUp(RaySlot&) {}
+
+  // Of the lanes in `mask` the ray may hit the triangle; t is a lower bound. `certain_limit`: no hit beyond it matters
+  // once these are looked at, for one of them is hit at less.
+  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling,
+                                           float* certain_limit) {
+    const DLeaf d;
+    const MollerTrumbore test(ray, leaf, first);
+    const float size = leaf.Size(), size2 = size * size;
+    const VLeaf edge_slack = hn::Set(d, (ray.edge_slack[0] + ray.edge_slack[1] * size) * size);
+    const VLeaf det_slack = hn::Set(d, ray.det_slack * size2), end_slack = hn::Set(d, ray.end_slack * size2);
+    const VLeaf sign = hn::And(test.det, hn::SignBit(d));
+    const VLeaf det = hn::Xor(test.det, sign);
+    const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);
+    const VLeaf w = hn::Sub(hn::Sub(det, u), v);
+    const VLeaf least = hn::Min(hn::Min(u, v), w), greatest = hn::Max(hn::Max(u, v), w);
+    const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
+
+    // Certainly beside the triangle, whether or not the determinant has a certain sign; or certainly out of the range.
+    const MLeaf sure = hn::Gt(det, det_slack);
+    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, edge_slack));
+    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(edge_slack)), positive);
+    const MLeaf before = hn::Lt(hn::Add(t, end_slack), hn::Mul(t_min, det));
+    const MLeaf behind = hn::Gt(hn::Sub(t, end_slack), hn::Mul(limit, det));
+    const MLeaf out = hn::Or(beside, hn::And(sure, hn::Or(before, behind)));
+    LeafHits hits;
+    hits.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
+    if (HWY_LIKELY(hn::AllFalse(d, hits.mask))) return hits;
+
+    // Rare from here on. Culled for certain, excluded.
+    hits.back = hn::Lt(test.det, hn::Zero(d));
+    const MLeaf culled = hn::AndNot(NotCulled(culling, hits.back), sure);
+    const hn::RebindToUnsigned<DLeaf> du;
+    const auto ids = hn::And(hn::LoadU(du, leaf.ids() + first), hn::Set(du, kPrimitiveMask));
+    const MLeaf excluded = hn::RebindMask(d, hn::Eq(ids, hn::Set(du, ray.excluded)));
+    hits.mask = hn::AndNot(hn::Or(culled, excluded), hits.mask);
+
+    // Bounds of t: (T -+ slack) / (det +- slack), and the roundings of that.
+    const VLeaf t_low = hn::Sub(t, end_slack), t_high = hn::Add(t, end_slack);
+    const VLeaf det_low = hn::Sub(det, det_slack), det_high = hn::Add(det, det_slack);
+    const VLeaf zero = hn::Zero(d), down = hn::Set(d, 1 - 0x1p-21f), up = hn::Set(d, 1 + 0x1p-21f);
+    const MLeaf low_negative = hn::Lt(t_low, zero), high_negative = hn::Lt(t_high, zero);
+    const VLeaf lower = hn::Mul(hn::Div(t_low, hn::IfThenElse(low_negative, det_low, det_high)),
+                                hn::IfThenElse(low_negative, up, down));
+    const VLeaf upper = hn::Mul(hn::Div(t_high, hn::IfThenElse(high_negative, det_high, det_low)),
+                                hn::IfThenElse(high_negative, down, up));
+    hits.t = hn::IfThenElse(sure, lower, hn::Set(d, -hwy::HighestValue<float>()));
+    const MLeaf inside = hn::And(sure, hn::Gt(least, edge_slack));
+    const MLeaf within =
+        hn::And(hn::Gt(hn::Sub(t, end_slack), hn::Mul(t_min, det)), hn::Lt(hn::Add(t, end_slack), hn::Mul(limit, det)));
+    const MLeaf certain = hn::And(hits.mask, hn::And(inside, within));
+    *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, limit)));
+    return hits;
+  }
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_LEAF_TEST_INL_H_

@@ -1,0 +1,151 @@
+// One ray against all boxes of a node at once, and its stack.
+
+#if defined(SERVER_TREE_NODE_TEST_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_NODE_TEST_INL_H_
+#undef SERVER_TREE_NODE_TEST_INL_H_
+#else
+#define SERVER_TREE_NODE_TEST_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+
+#include "hwy/cache_control.h"
+#include "hwy/highway.h"
+#include "server/tree/ray_slot.h"
+#include "server/tree/wide_node.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using DNode = hn::ScalableTag<float>;
+using DNodeInt = hn::RebindToSigned<DNode>;
+using DNodeUint = hn::RebindToUnsigned<DNode>;
+constexpr int kWidth = hn::MaxLanes(DNode());
+constexpr size_t kUnitBytes = UnitBytes(kWidth);
+
+// A key of the stack: OrderedBits of a lower bound of the t at which a box is entered, the last four bits replaced by
+// the box's lane.
+constexpr int32_t kLaneMask = 15;
+
+// Up to 8 keys that are sorted in a register.
+using DKeys = hn::CappedTag<int32_t, 8>;
+using VKeys = hn::Vec<DKeys>;
+constexpr int kSortedKeys = hn::MaxLanes(DKeys());
+
+// A ray's nodes and leaves that are still to be looked at, the nearest last. `keys` and `refs` have room for kWidth
+// more than are ever on it, since whole registers are stored.
+struct RayStack {
+  int32_t* keys;
+  uint32_t* refs;
+};
+
+// Entries that a stack must have room for in a tree of so many levels of nodes.
+constexpr size_t StackEntries(uint32_t levels) { return size_t{levels} * (kWidth - 1) + 1 + 2 * kWidth; }
+
+// Sorts from greatest to least by a bitonic network.
+HWY_ATTR HWY_INLINE VKeys SortDescending(VKeys keys) {
+  const DKeys d;
+  const auto exchange = [&](VKeys partner, auto keep_greater) HWY_ATTR {
+    keys = hn::IfThenElse(keep_greater, hn::Max(keys, partner), hn::Min(keys, partner));
+  };
+  HWY_ALIGN constexpr int32_t kEven[8] = {-1, 0, -1, 0, -1, 0, -1, 0};
+  HWY_ALIGN constexpr int32_t kLowPair[8] = {-1, -1, 0, 0, -1, -1, 0, 0};
+  const auto even = hn::MaskFromVec(hn::Load(d, kEven)), low_pair = hn::MaskFromVec(hn::Load(d, kLowPair));
+  exchange(hn::Shuffle2301(keys), even);
+  exchange(hn::Shuffle0123(keys), low_pair);
+  exchange(hn::Shuffle2301(keys), even);
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+  HWY_ALIGN constexpr int32_t kLowHalf[8] = {-1, -1, -1, -1, 0, 0, 0, 0};
+  exchange(hn::Reverse(d, keys), hn::MaskFromVec(hn::Load(d, kLowHalf)));
+  exchange(hn::Shuffle1032(keys), low_pair);
+  exchange(hn::Shuffle2301(keys), even);
+#endif
+  return keys;
+}
+
+// Pushes the children of `node` whose boxes the ray enters within its range.
+HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+  const DNode d;
+  const DNodeInt di;
+  const DNodeUint du;
+  const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
+    return hn::Load(d, reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper));
+  };
+  const auto cross = [&](int axis, uint32_t upper, const float* offset) HWY_ATTR {
+    return hn::MulAdd(face(axis, upper), hn::Set(d, ray.inverse[axis]), hn::Set(d, offset[axis]));
+  };
+  const auto near_x = cross(0, ray.flip[0], ray.near_offset),
+             far_x = cross(0, kUnitBytes - ray.flip[0], ray.far_offset);
+  const auto near_y = cross(1, ray.flip[1], ray.near_offset),
+             far_y = cross(1, kUnitBytes - ray.flip[1], ray.far_offset);
+  const auto near_z = cross(2, ray.flip[2], ray.near_offset),
+             far_z = cross(2, kUnitBytes - ray.flip[2], ray.far_offset);
+  const auto near = hn::Max(hn::Max(near_x, near_y), hn::Max(near_z, hn::Set(d, ray.t_min)));
+  const auto far = hn::Min(hn::Min(far_x, far_y), hn::Min(far_z, hn::Set(d, ray.limit)));
+  const auto hit = hn::Le(near, far);
+  const size_t count = hn::CountTrue(d, hit);
+
+  // Keys that order as `near` does, and bound it from below.
+  const auto bits = hn::BitCast(di, near);
+  const auto ordered = hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(di, 0x7FFFFFFF)));
+  const auto lane_keys =
+      hn::Sub(hn::Or(hn::AndNot(hn::Set(di, kLaneMask), ordered), hn::Iota(di, 0)), hn::Set(di, kLaneMask + 1));
+  const auto keys =
+      hn::IfThenElse(hn::RebindMask(di, hit), lane_keys, hn::Set(di, std::numeric_limits<int32_t>::min()));
+  const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
+  int32_t* const out_keys = stack.keys + ray.stack_size;
+  uint32_t* const out_refs = stack.refs + ray.stack_size;
+  ray.stack_size += static_cast<uint32_t>(count);
+#if HWY_TARGET == HWY_AVX3
+  if (HWY_LIKELY(count <= kSortedKeys)) {
+    const DKeys dk;
+    const auto few = hn::LowerHalf(dk, hn::Compress(keys, hn::RebindMask(di, hit)));
+    const VKeys sorted =
+        SortDescending(hn::IfThenElse(hn::FirstN(dk, count), few, hn::Set(dk, std::numeric_limits<int32_t>::min())));
+    hn::StoreU(sorted, dk, out_keys);
+    const auto lanes = hn::ZeroExtendVector(di, hn::And(sorted, hn::Set(dk, kLaneMask)));
+    const auto refs = hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes));
+    hn::StoreU(hn::LowerHalf(hn::Half<DNodeUint>(), refs), hn::Half<DNodeUint>(), out_refs);
+    return;
+  }
+  hn::CompressStore(keys, hn::RebindMask(di, hit), di, out_keys);
+  std::sort(out_keys, out_keys + count, [](int32_t a, int32_t b) { return a > b; });
+  for (size_t i = 0; i < count; ++i) {
+    out_refs[i] = reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes)[out_keys[i] & kLaneMask];
+  }
+#else
+  const VKeys sorted = SortDescending(keys);
+  hn::StoreU(sorted, di, out_keys);
+  const auto lanes = hn::And(sorted, hn::Set(di, kWidth - 1));
+  hn::StoreU(hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes)), du, out_refs);
+#endif
+}
+
+// Takes the nearest entry that still matters off the stack. False: there is none.
+HWY_ATTR HWY_INLINE bool Pop(RaySlot& ray, const RayStack& stack) {
+  while (ray.stack_size > 0) {
+    --ray.stack_size;
+    if (stack.keys[ray.stack_size] > ray.limit_bits) continue;
+    ray.current = stack.refs[ray.stack_size];
+    return true;
+  }
+  return false;
+}
+
+// Brings what stands at `data` nearer, where the tree is too large for the caches. As much as a node has, whatever it
+// is: no branch.
+HWY_ATTR HWY_INLINE void Prefetch(const std::byte* data) {
+  constexpr size_t kCacheLine = 64;
+  for (size_t at = 0; at < NodeBytes(kWidth); at += kCacheLine) hwy::Prefetch(data + at);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_NODE_TEST_INL_H_

@@ -1,0 +1,224 @@
+// What a query makes of the leaves that a ray comes to.
+
+#if defined(SERVER_TREE_QUERIES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_QUERIES_INL_H_
+#undef SERVER_TREE_QUERIES_INL_H_
+#else
+#define SERVER_TREE_QUERIES_INL_H_
+#endif
+
+#include <cstdint>
+#include <span>
+
+#include "hwy/highway.h"
+#include "server/tree/collector.h"
+#include "server/tree/leaf_test-inl.h"
+#include "server/tree/ray_setup-inl.h"
+#include "server/tree/suspects.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+// Calls lane(i, t) for each lane in hits.mask.
+template <typename Lane>
+HWY_ATTR HWY_INLINE void ForEachHit(const LeafHits& hits, Lane&& lane) {
+  const DLeaf d;
+  HWY_ALIGN float t[kLeafLanes];
+  hn::Store(hits.t, d, t);
+  uint8_t bits[8] = {};
+  hn::StoreMaskBits(d, hits.mask, bits);
+  for (uint32_t rest = bits[0]; rest != 0; rest &= rest - 1) {
+    const uint32_t i = static_cast<uint32_t>(__builtin_ctz(rest));
+    lane(i, t[i]);
+  }
+}
+
+// The closest hit at kFast and kWatertight.
+template <typename Test>
+class ClosestQuery {
+ public:
+  ClosestQuery(Culling culling, std::span<Hit> hits) : culling_(culling), hits_(hits) {}
+
+  HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
+
+  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
+    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+      const LeafHits hits = Test::Test(ray, leaf, first, culling_);
+      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
+      Take(ray, leaf, first, hits);
+    }
+  }
+
+  HWY_ATTR void End(const RaySlot& ray) {
+    Hit& hit = hits_[ray.ray];
+    hit = Hit();
+    if (ray.primitive == kNoPrimitive) return;
+    hit = {.t = static_cast<float>(ray.t * ray.t_unscale),
+           .u = ray.u,
+           .v = ray.v,
+           .primitive = ray.primitive,
+           .back = ray.back != 0};
+  }
+
+ private:
+  HWY_ATTR void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const LeafHits& hits) {
+    const DLeaf d;
+    HWY_ALIGN float u[kLeafLanes], v[kLeafLanes];
+    hn::Store(hits.u, d, u);
+    hn::Store(hits.v, d, v);
+    uint8_t back[8] = {};
+    hn::StoreMaskBits(d, hits.back, back);
+    ForEachHit(hits, [&](uint32_t lane, float t) {
+      const uint32_t primitive = leaf.Primitive(first + lane);
+      if (primitive == ray.excluded || t > ray.limit) return;
+      if (t == ray.limit && ray.primitive <= primitive) return;
+      ray.t = t, ray.u = u[lane], ray.v = v[lane];
+      ray.primitive = primitive;
+      ray.back = back[0] >> lane & 1;
+      RaySetup::SetLimit(ray, t);
+    });
+  }
+
+  const Culling culling_;
+  const std::span<Hit> hits_;
+};
+
+// Whether there is a hit, at kFast and kWatertight.
+template <typename Test>
+class AnyQuery {
+ public:
+  AnyQuery(Culling culling, std::span<uint8_t> any) : culling_(culling), any_(any) {}
+
+  HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
+
+  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
+    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+      const LeafHits hits = Test::Test(ray, leaf, first, culling_);
+      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
+      ForEachHit(hits, [&](uint32_t lane, float) {
+        const uint32_t primitive = leaf.Primitive(first + lane);
+        if (primitive == ray.excluded) return;
+        ray.primitive = primitive;
+        ray.stack_size = 0;
+      });
+    }
+  }
+
+  HWY_ATTR void End(const RaySlot& ray) { any_[ray.ray] = ray.primitive != kNoPrimitive; }
+
+ private:
+  const Culling culling_;
+  const std::span<uint8_t> any_;
+};
+
+// The closest hit at kExact. Triangles that the ray may hit wait in its slot; who is hit and where is decided at its
+// end.
+class ExactClosestQuery {
+ public:
+  ExactClosestQuery(const WideScene& scene, Culling culling, ClosestDecider& decider)
+      : scene_(scene), culling_(culling), decider_(decider) {}
+
+  HWY_ATTR static void SetUp(RaySlot&) {}
+
+  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
+    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+      float certain_limit;
+      const LeafHits hits = ExactTest::Test(ray, leaf, first, culling_, &certain_limit);
+      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
+      if (certain_limit < ray.limit) RaySetup::SetLimit(ray, certain_limit);
+      ForEachHit(hits, [&](uint32_t lane, float t) {
+        if (t > ray.limit) return;
+        if (ray.suspect_count == RaySlot::kMaxSuspects) MakeRoom(ray);
+        ray.suspect_t[ray.suspect_count] = t;
+        ray.suspects[ray.suspect_count] = {ray.current, first + lane};
+        ++ray.suspect_count;
+      });
+    }
+  }
+
+  HWY_ATTR void End(RaySlot& ray) { decider_.End(ray); }
+
+ private:
+  // Drops needless suspects; decides all there are where that gives no room.
+  void MakeRoom(RaySlot& ray) {
+    DropNeedless(scene_, ray);
+    if (ray.suspect_count == RaySlot::kMaxSuspects) RaySetup::SetLimit(ray, decider_.DecideEarly(ray));
+  }
+
+  const WideScene& scene_;
+  const Culling culling_;
+  ClosestDecider& decider_;
+};
+
+// Whether there is a hit, at kExact.
+class ExactAnyQuery {
+ public:
+  ExactAnyQuery(Culling culling, AnyDecider& decider) : culling_(culling), decider_(decider) {}
+
+  HWY_ATTR static void SetUp(RaySlot&) {}
+
+  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
+    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+      float certain_limit;
+      const LeafHits hits = ExactTest::Test(ray, leaf, first, culling_, &certain_limit);
+      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
+      if (certain_limit < ray.limit) {
+        Found(ray);
+        return;
+      }
+      ForEachHit(hits, [&](uint32_t lane, float) {
+        if (ray.suspect_count == RaySlot::kMaxSuspects && decider_.DecideEarly(ray)) Found(ray);
+        if (ray.primitive != kNoPrimitive) return;
+        ray.suspects[ray.suspect_count++] = {ray.current, first + lane};
+      });
+      if (ray.primitive != kNoPrimitive) return;
+    }
+  }
+
+  HWY_ATTR void End(RaySlot& ray) { decider_.End(ray); }
+
+ private:
+  static void Found(RaySlot& ray) {
+    // Any primitive will do: nobody asks which.
+    ray.primitive = 0;
+    ray.suspect_count = 0;
+    ray.stack_size = 0;
+  }
+
+  const Culling culling_;
+  AnyDecider& decider_;
+};
+
+// All triangles that a ray may hit, to a collector.
+class CollectQuery {
+ public:
+  explicit CollectQuery(Collector& collector) : collector_(collector) {}
+
+  HWY_ATTR static void SetUp(RaySlot&) {}
+
+  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
+    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+      float certain_limit;
+      const LeafHits hits = ExactTest::Test(ray, leaf, first, Culling::kNone, &certain_limit);
+      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
+      ForEachHit(hits, [&](uint32_t lane, float) { collector_.Visit(leaf.Primitive(first + lane)); });
+      if (collector_.IsDone()) {
+        ray.stack_size = 0;
+        return;
+      }
+      RaySetup::SetLimit(ray, LimitInFrame(ray, collector_.limit()));
+    }
+  }
+
+  HWY_ATTR void End(const RaySlot&) {}
+
+ private:
+  Collector& collector_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_QUERIES_INL_H_

@@ -1,0 +1,161 @@
+// A ray into the frame of a wide tree.
+
+#if defined(SERVER_TREE_RAY_SETUP_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_RAY_SETUP_INL_H_
+#undef SERVER_TREE_RAY_SETUP_INL_H_
+#else
+#define SERVER_TREE_RAY_SETUP_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstdint>
+
+#include "hwy/highway.h"
+#include "server/geometry/ray.h"
+#include "server/tree/ray_slot.h"
+#include "server/tree/wide_arrays.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Directions' components below this count as 0; see README.md.
+constexpr float kLeastComponent = 0x1p-80f;
+// Origins farther out than this many sizes of the mesh are odd.
+constexpr float kFarthestOrigin = 0x1p40f;
+
+// Makes RaySlots of rays.
+class RaySetup {
+  // x, y, z of one ray, and a fourth lane that is not used or holds an end of the interval.
+  using DF = hn::FixedTag<float, 4>;
+  using DI = hn::RebindToSigned<DF>;
+  using DU = hn::RebindToUnsigned<DF>;
+  using VF = hn::Vec<DF>;
+
+ public:
+  enum class Kind : uint8_t { kTraced, kMisses, kOdd };
+
+  explicit RaySetup(const WideArrays& arrays)
+      : scale_exponent_(arrays.scale_exponent),
+        scale_(PowerOfTwo(arrays.scale_exponent)),
+        exact_corners_(arrays.exact_corners),
+        flip_(static_cast<uint32_t>(UnitBytes(Width(arrays.target)))) {}
+
+  // Fills all of `slot` that tests read, and empties its stack and its answer. Tells what to do with the ray.
+  HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, RaySlot& slot) const {
+    const DF d;
+    const DI di;
+    const DU du;
+    const auto xyz = hn::FirstN(d, 3);
+
+    // 1. Scale: the exponent of the direction's greatest component goes to 0.
+    const VF given_direction = hn::LoadU(d, &ray.direction.x), given_origin = hn::LoadU(d, &ray.origin.x);
+    const float greatest = Greatest(given_direction);
+    // Directions of less than 2^-126 or at least 2^126 are odd: neither has the inverse power as a normal float.
+    if (HWY_UNLIKELY(!(greatest >= 0x1p-126f && greatest < 0x1p126f))) return Kind::kOdd;
+    uint32_t bits;
+    __builtin_memcpy(&bits, &greatest, sizeof(bits));
+    const uint32_t biased = bits >> 23;
+    const uint32_t scale_bits = (254 - biased) << 23;
+    float direction_scale;
+    __builtin_memcpy(&direction_scale, &scale_bits, sizeof(scale_bits));
+    const VF direction = hn::Mul(given_direction, hn::Set(d, direction_scale));
+    const VF origin = TimesScale(given_origin);
+    const float farthest = Greatest(origin);
+    if (HWY_UNLIKELY(!(farthest <= kFarthestOrigin))) return Kind::kOdd;
+    // No point of the mesh is farther from the origin along any axis than `reach`; so no t in the mesh is beyond it.
+    const float reach = farthest + 1;
+    const double t_scale = PowerOfTwo(static_cast<int>(biased) - 127 + scale_exponent_);
+    slot.t_unscale = PowerOfTwo(127 - static_cast<int>(biased) - scale_exponent_);
+    const float t_min = ScaledEnd(ray.t_min, t_scale), t_max = ScaledEnd(ray.t_max, t_scale);
+
+    // 2. Slabs, widened; see README.md.
+    const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
+    const VF inverse = hn::IfThenElse(tiny, hn::Set(d, 1 / kLeastComponent), hn::Div(hn::Set(d, 1.0f), direction));
+    const VF centre = hn::Neg(hn::Mul(origin, inverse));
+    const VF pad =
+        hn::MulAdd(hn::Set(d, reach * 0x1p-21f), hn::Abs(inverse), hn::IfThenElseZero(tiny, hn::Set(d, 4 * reach)));
+    hn::StoreU(inverse, d, slot.inverse);
+    hn::StoreU(hn::Sub(centre, pad), d, slot.near_offset);
+    hn::StoreU(hn::Add(centre, pad), d, slot.far_offset);
+    const auto negative = hn::RebindMask(du, hn::Lt(inverse, hn::Zero(d)));
+    hn::StoreU(hn::IfThenElseZero(negative, hn::Set(du, flip_)), du, slot.flip);
+    hn::StoreU(origin, d, slot.origin);
+    hn::StoreU(direction, d, slot.direction);
+    slot.t_min = std::max(t_min, -2 * reach);
+    slot.excluded = ray.excluded_primitive;
+    slot.stack_size = 0;
+    slot.primitive = kNoPrimitive;
+    slot.suspect_count = 0;
+    SetLimit(slot, std::min(t_max, 2 * reach));
+
+    // 3. Error bounds of the leaf test at kExact; see README.md.
+    HWY_ALIGN float components[4];
+    hn::Store(hn::Abs(direction), d, components);
+    const float length = components[0] + components[1] + components[2];
+    slot.edge_slack[0] = 40 * 0x1p-24f * length * reach;
+    slot.edge_slack[1] = 20 * 0x1p-24f * length;
+    slot.det_slack = 16 * 0x1p-24f * length;
+    slot.end_slack = reach * (56 * 0x1p-24f + 2.5f * slot.det_slack);
+    // Products with powers of two lose bits only below 2^-126.
+    const auto rounded =
+        hn::And(xyz, hn::Or(MayHaveRounded(given_direction, direction), MayHaveRounded(given_origin, origin)));
+    slot.exact = exact_corners_ && hn::AllFalse(d, rounded) && !MayHaveRounded(ray.t_min, t_min) &&
+                 !MayHaveRounded(ray.t_max, t_max);
+    return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
+  }
+
+  static void SetLimit(RaySlot& slot, float limit) {
+    slot.limit = limit;
+    int32_t bits;
+    __builtin_memcpy(&bits, &limit, sizeof(bits));
+    slot.limit_bits = OrderedBits(bits);
+  }
+
+ private:
+  static double PowerOfTwo(int exponent) {
+    const uint64_t bits = static_cast<uint64_t>(1023 + exponent) << 52;
+    double value;
+    __builtin_memcpy(&value, &bits, sizeof(value));
+    return value;
+  }
+
+  // The greatest magnitude of the first three lanes.
+  HWY_ATTR static HWY_INLINE float Greatest(VF x) {
+    const VF magnitude = hn::Abs(x);
+    const VF yzx = hn::Max(magnitude, hn::Shuffle0321(magnitude));
+    return hn::GetLane(hn::Max(yzx, hn::Shuffle1032(magnitude)));
+  }
+
+  // x * 2^scale_exponent_, rounded once: a power of two that float lacks is one of double.
+  HWY_ATTR HWY_INLINE VF TimesScale(VF x) const {
+    const DF d;
+    if (HWY_LIKELY(scale_exponent_ > -100 && scale_exponent_ < 100))
+      return hn::Mul(x, hn::Set(d, static_cast<float>(scale_)));
+    HWY_ALIGN float lanes[4];
+    hn::Store(x, d, lanes);
+    for (float& lane : lanes) lane = static_cast<float>(lane * scale_);
+    return hn::Load(d, lanes);
+  }
+
+  static float ScaledEnd(float t, double scale) { return static_cast<float>(t * scale); }
+
+  HWY_ATTR static HWY_INLINE hn::Mask<DF> MayHaveRounded(VF x, VF scaled) {
+    const DF d;
+    return hn::And(hn::Lt(hn::Abs(scaled), hn::Set(d, 0x1p-126f)), hn::Ne(x, hn::Zero(d)));
+  }
+  static bool MayHaveRounded(float x, float scaled) { return __builtin_fabsf(scaled) < 0x1p-126f && x != 0; }
+
+  const int scale_exponent_;
+  const double scale_;
+  const bool exact_corners_;
+  const uint32_t flip_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_RAY_SETUP_INL_H_

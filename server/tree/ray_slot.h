@@ -1,0 +1,68 @@
+// A ray on its way through a wide tree, in the tree's frame.
+
+#ifndef SERVER_TREE_RAY_SLOT_H_
+#define SERVER_TREE_RAY_SLOT_H_
+
+#include <cstddef>
+#include <cstdint>
+
+#include "server/tree/wide_node.h"
+
+namespace deltaray {
+
+// Order-preserving map from floats, NaN aside, to integers.
+constexpr int32_t OrderedBits(int32_t float_bits) { return float_bits ^ ((float_bits >> 31) & 0x7FFFFFFF); }
+
+// A triangle that may be the answer.
+struct Suspect {
+  uint32_t leaf = 0;  // bits of ChildRef
+  uint32_t lane = 0;
+};
+
+// The frame: coordinates times 2^scale_exponent; directions times the power of two that brings the greatest component
+// to [1, 2); t times what makes up for both. README.md derives the bounds.
+struct alignas(64) RaySlot {
+  // What node tests read: one cache line. The slab of an axis is entered at inverse * near plane + near_offset, and
+  // left at inverse * far plane + far_offset; the offsets hold the origin, and widen the slab by more than all
+  // roundings.
+  float inverse[3];
+  float t_min;
+  float near_offset[3];
+  float limit;  // hits beyond this do not matter
+  float far_offset[3];
+  int32_t limit_bits;  // OrderedBits of it
+  uint32_t flip[3];    // bytes from an axis' lower faces to its near ones
+  uint32_t stack_size;
+
+  // What leaf tests read.
+  float origin[3];
+  uint32_t current;  // bits of the ChildRef that is next
+  float direction[3];
+  uint32_t excluded;  // primitive
+  // At kExact: error bounds, to be multiplied by powers of the leaf's size L. Of U, V, W: (edge[0] + edge[1] L) L; of
+  // the determinant: det L²; of how far T is within t_min or the limit: end L².
+  float edge_slack[2];
+  float det_slack;
+  float end_slack;
+  double t_unscale;  // t in the frame times this is the ray's t
+  uint32_t ray;      // index in the batch
+  uint32_t exact;    // whether origin, direction and ends are the ray's own, but for powers of two
+
+  // The answer so far.
+  uint32_t primitive;
+  uint32_t suspect_count;
+  float t, u, v;
+  uint32_t back;
+  // At kWatertight: the axes' order, the greatest component of the direction last, and the shear along it.
+  uint32_t axis[3];
+  float shear[3];
+
+  // At kExact: who may be the answer, each with a lower bound of its t.
+  static constexpr uint32_t kMaxSuspects = 8;
+  float suspect_t[kMaxSuspects];
+  Suspect suspects[kMaxSuspects];
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_TREE_RAY_SLOT_H_

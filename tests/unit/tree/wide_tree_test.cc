@@ -1,0 +1,188 @@
+#include "server/tree/wide_tree.h"
+
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "server/build/build_context.h"
+#include "server/build/wide_layout.h"
+#include "tests/scenes/hard_rays.h"
+#include "tests/scenes/pathological.h"
+#include "tests/scenes/random.h"
+#include "tests/scenes/rays.h"
+#include "tests/scenes/shapes.h"
+#include "tests/unit/tree/small_trees.h"
+
+namespace deltaray {
+namespace {
+
+constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket};
+constexpr AccuracyLevel kLevels[] = {AccuracyLevel::kFast, AccuracyLevel::kWatertight, AccuracyLevel::kExact};
+
+WideTree MakeWide(const TrianglesView& triangles, size_t leaf_size, int spatial, SimdTarget target) {
+  BuildContext context;
+  absl::StatusOr<WideArrays> arrays = LayOutWide(MakeBvh(triangles, leaf_size, spatial), triangles, target, context);
+  EXPECT_TRUE(arrays.ok()) << arrays.status();
+  return WideTree(triangles, *std::move(arrays));
+}
+
+class WideTreeTest : public testing::TestWithParam<SimdTarget> {};
+
+INSTANTIATE_TEST_SUITE_P(Targets, WideTreeTest, testing::ValuesIn(SupportedSimdTargets()),
+                         [](const auto& info) { return std::string(Name(info.param)); });
+
+TEST_P(WideTreeTest, AnswersAsBruteForce) {
+  for (const uint64_t seed : {1, 2}) {
+    const SmallScene scene = GridScene(120, seed);
+    for (const auto& [leaf_size, spatial] : {std::pair(1, 0), std::pair(4, 0), std::pair(1, 5), std::pair(8, 3)}) {
+      SCOPED_TRACE(testing::Message() << "leaves of " << leaf_size << ", spatial splits to depth " << spatial);
+      ExpectSameAsBruteForce(MakeWide(scene.view(), leaf_size, spatial, GetParam()), scene.view(),
+                             GridRays(scene, 400, seed + 10));
+    }
+  }
+}
+
+TEST_P(WideTreeTest, EveryWayThroughTheTreeGivesTheSameBits) {
+  for (const PathologicalScene& pathological : PathologicalScenes()) {
+    SCOPED_TRACE(pathological.name);
+    const TriangleMesh mesh = pathological.make(std::min(pathological.small_size, 200u));
+    const WideTree tree = MakeWide(mesh.triangles(), 2, 3, GetParam());
+    const BruteForce brute_force(mesh.triangles());
+    for (const HardRays& family : HardRayFamilies()) {
+      SCOPED_TRACE(family.name);
+      const std::vector<Ray> rays = family.make(mesh, 40, 7);
+      std::vector<Hit> hits(rays.size()), expected(rays.size());
+      std::vector<uint8_t> any(rays.size()), expected_any(rays.size());
+      brute_force.ClosestHits(rays, {}, expected);
+      brute_force.AnyHits(rays, {}, expected_any);
+      for (const Traversal traversal : kTraversals) {
+        const QueryOptions options{.traversal = traversal};
+        tree.ClosestHits(rays, options, hits);
+        EXPECT_EQ(hits, expected) << static_cast<int>(traversal);
+        tree.AnyHits(rays, options, any);
+        EXPECT_EQ(any, expected_any) << static_cast<int>(traversal);
+      }
+    }
+  }
+}
+
+// Rays that do not come near an edge: there, float is right.
+TEST_P(WideTreeTest, OrdinaryRaysAreAnsweredAlikeAtEveryLevel) {
+  TriangleMesh mesh;
+  AddSphere(&mesh, {0.2, -0.1, 0.3}, 1, 24);
+  AddSphere(&mesh, {0.2, -0.1, 0.3}, 0.5, 16);
+  const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
+  const std::vector<Ray> rays = ChordRays(MeshBounds(mesh), 5000, 3);
+  for (const Culling culling : {Culling::kNone, Culling::kBack, Culling::kFront}) {
+    std::vector<Hit> expected(rays.size());
+    BruteForce(mesh.triangles()).ClosestHits(rays, {.culling = culling}, expected);
+    for (const AccuracyLevel level : kLevels) {
+      for (const Traversal traversal : kTraversals) {
+        SCOPED_TRACE(testing::Message() << "level " << static_cast<int>(level) << ", traversal "
+                                        << static_cast<int>(traversal) << ", culling " << static_cast<int>(culling));
+        const QueryOptions options{.culling = culling, .accuracy = level, .traversal = traversal};
+        std::vector<Hit> hits(rays.size());
+        std::vector<uint8_t> any(rays.size());
+        tree.ClosestHits(rays, options, hits);
+        tree.AnyHits(rays, options, any);
+        size_t others = 0;
+        for (size_t i = 0; i < rays.size(); ++i) {
+          EXPECT_EQ(any[i] != 0, hits[i].IsHit());
+          if (hits[i].primitive != expected[i].primitive) {
+            ++others;
+            continue;
+          }
+          if (!expected[i].IsHit()) continue;
+          EXPECT_NEAR(hits[i].t, expected[i].t, 2e-6 * std::abs(expected[i].t) + 1e-6);
+          EXPECT_NEAR(hits[i].u, expected[i].u, 1e-3);
+          EXPECT_NEAR(hits[i].v, expected[i].v, 1e-3);
+          EXPECT_EQ(hits[i].back, expected[i].back);
+        }
+        EXPECT_LE(others, level == AccuracyLevel::kExact ? 0u : rays.size() / 500);
+      }
+    }
+  }
+}
+
+// Rays from within a closed mesh, at its vertices and edges: at kWatertight none gets out.
+TEST_P(WideTreeTest, AClosedMeshDoesNotLeak) {
+  for (const Vec3d centre : {Vec3d{0, 0, 0}, Vec3d{1000, 1000, 1000}}) {
+    TriangleMesh mesh;
+    AddSphere(&mesh, centre, 1, 40);
+    const WideTree tree = MakeWide(mesh.triangles(), 2, 2, GetParam());
+    Random random(11);
+    std::vector<Ray> rays;
+    for (uint32_t i = 0; i < 40'000; ++i) {
+      const auto& corners = mesh.indices[random.Below(static_cast<uint32_t>(mesh.indices.size()))];
+      const Vec3f a = mesh.positions[corners[0]], b = mesh.positions[corners[1]];
+      const float part = i % 2 == 0 ? 0 : static_cast<float>(random.Below(1000)) / 1000;
+      const Vec3f target = a + part * (b - a);
+      const auto offset = [&] { return static_cast<float>(random.Below(1000)) / 1000 - 0.5f; };
+      Ray& ray = rays.emplace_back();
+      ray.origin = static_cast<Vec3f>(centre) + Vec3f{offset(), offset(), offset()};
+      ray.direction = target - ray.origin;
+    }
+    for (const AccuracyLevel level : {AccuracyLevel::kWatertight, AccuracyLevel::kExact}) {
+      for (const Traversal traversal : kTraversals) {
+        const QueryOptions options{.accuracy = level, .traversal = traversal};
+        std::vector<Hit> hits(rays.size());
+        std::vector<uint8_t> any(rays.size());
+        tree.ClosestHits(rays, options, hits);
+        tree.AnyHits(rays, options, any);
+        size_t leaks = 0;
+        for (size_t i = 0; i < rays.size(); ++i) leaks += !hits[i].IsHit() + !any[i];
+        EXPECT_EQ(leaks, 0u) << static_cast<int>(level) << ' ' << static_cast<int>(traversal);
+      }
+    }
+  }
+}
+
+TEST_P(WideTreeTest, ExcludedPrimitivesAreSkippedAtEveryLevel) {
+  SmallScene scene;
+  for (int i = 0; i < 20; ++i) {
+    const auto z = static_cast<float>(i);
+    scene.Add({{-1, -1, z}, {3, -1, z}, {-1, 3, z}});
+  }
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  std::vector<Ray> rays(40, {.origin = {0, 0, -1}, .direction = {0, 0, 1}, .excluded_primitive = 0});
+  for (const AccuracyLevel level : kLevels) {
+    std::vector<Hit> hits(rays.size());
+    tree.ClosestHits(rays, {.accuracy = level}, hits);
+    for (const Hit& hit : hits) {
+      EXPECT_EQ(hit.primitive, 1u);
+      EXPECT_EQ(hit.t, 2);
+    }
+    rays[0].t_max = 1;
+    std::vector<uint8_t> any(rays.size());
+    tree.AnyHits(rays, {.accuracy = level}, any);
+    EXPECT_EQ(any[0], 0);
+    EXPECT_EQ(any[1], 1);
+    rays[0].t_max = Ray().t_max;
+  }
+}
+
+TEST_P(WideTreeTest, EmptyTreeMisses) {
+  const SmallScene scene;
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  ExpectSameAsBruteForce(tree, scene.view(), std::vector<Ray>{{.origin = {0, 0, 0}, .direction = {0, 0, 1}}});
+  EXPECT_EQ(tree.Shape().nodes, 0u);
+}
+
+TEST_P(WideTreeTest, Shape) {
+  SmallScene scene;
+  for (int i = 0; i < 20; ++i) {
+    const auto x = static_cast<float>(2 * i);
+    scene.Add({{x, 0, 0}, {x + 1, 0, 1}, {x, 1, 0}});
+  }
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  const TreeShape shape = tree.Shape();
+  EXPECT_EQ(shape.references, 20u);
+  EXPECT_GE(shape.leaves, 3u);
+  EXPECT_GT(shape.nodes, shape.leaves);
+  EXPECT_EQ(shape.node_bytes + shape.reference_bytes + kLeafSlack, tree.arrays().block.size());
+  EXPECT_EQ(shape.max_depth, tree.arrays().levels);
+}
+
+}  // namespace
+}  // namespace deltaray
