@@ -5,11 +5,13 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "server/build/config.h"
 #include "server/build/statistics.h"
 #include "server/mesh/triangle_mesh.h"
+#include "server/tree/simd_target.h"
 #include "server/tree/tree.h"
 
 namespace deltaray {
@@ -33,6 +35,8 @@ class Build {
     uint32_t threads = 0;
     // Called at every δ-leaf before it is built, from the building thread; for tests that need a slow build.
     std::function<void()> on_delta_leaf;
+    // What the final tree is laid out for, one of SupportedSimdTargets(). Default: the widest.
+    std::optional<SimdTarget> simd_target = std::nullopt;
   };
 
   // Starts to build in the background and returns at once.

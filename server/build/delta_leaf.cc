@@ -1,6 +1,7 @@
 #include "server/build/delta_leaf.h"
 
 #include <optional>
+#include <utility>
 
 #include "server/build/clustering.h"
 #include "server/build/collapse.h"
@@ -36,20 +37,23 @@ Dendrogram BuildCandidate(DeltaLeafCandidate candidate, std::span<const Referenc
 
 BvhArrays BuildDeltaLeaf(std::span<const Reference> references, const Bounds& mesh_bounds, const Config& config,
                          BuildContext& context) {
-  std::optional<CollapsedTree> best;
+  const SahCosts costs(config);
+  std::optional<Dendrogram> best;
+  double best_cost = 0;
   DeltaLeafCandidate winner{};
   for (const DeltaLeafCandidate candidate : CandidatesOf(config.preset)) {
-    const Dendrogram dendrogram = BuildCandidate(candidate, references, mesh_bounds, config, context);
+    Dendrogram dendrogram = BuildCandidate(candidate, references, mesh_bounds, config, context);
     if (context.cancelled()) return BvhArrays();
-    CollapsedTree tree(references, dendrogram, SahCosts(config), config.max_leaf_size);
+    const CollapsedTree tree(references, dendrogram, costs, config.max_leaf_size);
     // Clusters may nest in a chain; only splits are sure to keep the tree flat.
     if (tree.depth() > kSahDepth && candidate != DeltaLeafCandidate::kTopDown) continue;
-    if (best && best->cost() <= tree.cost()) continue;
-    best = std::move(tree);
+    if (best && best_cost <= tree.cost()) continue;
+    best = std::move(dendrogram);
+    best_cost = tree.cost();
     winner = candidate;
   }
   context.candidate_wins[static_cast<size_t>(winner)].fetch_add(1, std::memory_order_relaxed);
-  return best->ToBvhArrays();
+  return CollapsedTree(references, *best, costs, 1).ToBvhArrays();
 }
 
 }  // namespace deltaray

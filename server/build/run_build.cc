@@ -1,7 +1,9 @@
 #include "server/build/run_build.h"
 
+#include <algorithm>
 #include <new>
 #include <utility>
+#include <vector>
 
 #include "server/build/delta_leaf.h"
 #include "server/build/delta_leaf_tasks.h"
@@ -10,9 +12,12 @@
 #include "server/build/reference.h"
 #include "server/build/tang2015_builder.h"
 #include "server/build/top_down.h"
+#include "server/build/wide_layout.h"
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
 #include "server/tree/provisional_tree.h"
+#include "server/tree/simd_target.h"
+#include "server/tree/wide_tree.h"
 
 namespace deltaray {
 namespace {
@@ -38,6 +43,12 @@ auto RunPhase(BuildContext& context, BuildPhase phase, Work&& work) {
   return work();
 }
 
+// A leaf of a wide tree has no room for more.
+Config ForLeavesOf(Config config) {
+  if (config.builder != Builder::kKdTree) config.max_leaf_size = std::min(config.max_leaf_size, kMaxLeafTriangles);
+  return config;
+}
+
 // One build, phase by phase.
 class Run {
  public:
@@ -46,7 +57,7 @@ class Run {
       const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional)
       : mesh_(mesh),
         options_(options),
-        config_(options_.config),
+        config_(ForLeavesOf(options_.config)),
         context_(context),
         publish_provisional_(publish_provisional) {}
 
@@ -83,7 +94,7 @@ class Run {
       return BuildTopDown(std::move(references), mesh_->triangles(), config_, *context_);
     });
     if (!tree.ok()) return tree.status();
-    return RunPhase(*context_, BuildPhase::kLayout, [&] { return MakeTree<Bvh>(mesh_, ToBvhArrays(*tree)); });
+    return RunPhase(*context_, BuildPhase::kLayout, [&] { return Collapse(ToBvhArrays(*tree)); });
   }
 
   absl::StatusOr<std::shared_ptr<const Tree>> BuildKd(ReferenceArray references) {
@@ -110,10 +121,24 @@ class Run {
     const absl::Status built =
         RunPhase(*context_, BuildPhase::kDeltaLeaves, [&] { return tasks->BuildAndPublishAll(*provisional); });
     if (!built.ok()) return built;
-    absl::StatusOr<BvhArrays> arrays =
-        RunPhase(*context_, BuildPhase::kLayout, [&] { return LayOut(*provisional, *context_); });
-    if (!arrays.ok()) return arrays.status();
-    return MakeTree<Bvh>(mesh_, *std::move(arrays));
+    return RunPhase(*context_, BuildPhase::kLayout, [&]() -> absl::StatusOr<std::shared_ptr<const Tree>> {
+      absl::StatusOr<BvhArrays> arrays = LayOut(*provisional, *context_);
+      if (!arrays.ok()) return arrays.status();
+      // As printed there are no wide nodes.
+      if (config_.builder == Builder::kTang2015) return MakeTree<Bvh>(mesh_, *std::move(arrays));
+      return Collapse(*std::move(arrays));
+    });
+  }
+
+  // Makes the wide tree; the binary one where the processor or the mesh's size rules that out.
+  absl::StatusOr<std::shared_ptr<const Tree>> Collapse(BvhArrays arrays) {
+    const std::vector<SimdTarget>& supported = SupportedSimdTargets();
+    if (supported.empty()) return MakeTree<Bvh>(mesh_, std::move(arrays));
+    absl::StatusOr<WideArrays> wide =
+        LayOutWide(arrays, mesh_->triangles(), options_.simd_target.value_or(supported.back()), *context_);
+    if (absl::IsResourceExhausted(wide.status())) return MakeTree<Bvh>(mesh_, std::move(arrays));
+    if (!wide.ok()) return wide.status();
+    return MakeTree<WideTree>(mesh_, *std::move(wide));
   }
 
   // The tree owns the tasks, and they point back to it.
@@ -134,7 +159,7 @@ class Run {
 
   const std::shared_ptr<const TriangleMesh>& mesh_;
   const Build::Options& options_;
-  const Config& config_;
+  const Config config_;
   const std::shared_ptr<BuildContext>& context_;
   const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional_;
 };

@@ -1,6 +1,7 @@
 // Every structure, however it was built, gives brute force's answers, bit for bit.
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -16,8 +17,9 @@ namespace {
 // Of the rays that a structure which differs in little from another one is asked, one in so many.
 constexpr size_t kStride = 4;
 
-std::shared_ptr<const TreeSnapshot> BuildToEnd(const TestScene& scene, const Config& config, uint32_t threads) {
-  const std::shared_ptr<Build> build = Build::Start(scene.mesh, {config, threads, nullptr});
+std::shared_ptr<const TreeSnapshot> BuildToEnd(const TestScene& scene, const Config& config, uint32_t threads,
+                                               std::optional<SimdTarget> simd_target = std::nullopt) {
+  const std::shared_ptr<Build> build = Build::Start(scene.mesh, {config, threads, nullptr, simd_target});
   const absl::Status status = build->WaitDone();
   EXPECT_TRUE(status.ok()) << status;
   return build->snapshot();
@@ -57,6 +59,16 @@ TEST_P(AnswersTest, EveryStructureAnswersAsBruteForce) {
         check(config, 2, first, kStride);
       }
       ++first;
+    }
+  }
+  // Trees of every width, and every way through them.
+  for (const SimdTarget target : SupportedSimdTargets()) {
+    SCOPED_TRACE(Name(target));
+    const auto snapshot = BuildToEnd(scene, MakeConfig(Builder::kHybrid, Preset::kBalanced), 2, target);
+    ASSERT_NE(snapshot, nullptr);
+    size_t first = 0;
+    for (const Traversal traversal : {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket}) {
+      EXPECT_TRUE(answers.Match(*snapshot->tree, first++, kStride, traversal)) << static_cast<int>(traversal);
     }
   }
 }

@@ -52,7 +52,8 @@ ReferenceAnswers::ReferenceAnswers(TrianglesView triangles, std::vector<Ray> ray
   for (const uint32_t count : counts) begin_.push_back(begin_.back() + count);
 }
 
-testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first, size_t stride) const {
+testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first, size_t stride,
+                                                 Traversal traversal) const {
   std::vector<Ray> rays;
   std::vector<std::span<const Hit>> expected;
   for (size_t i = first; i < rays_.size(); i += stride) {
@@ -64,6 +65,7 @@ testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first,
   for (const Culling culling : {Culling::kNone, Culling::kBack, Culling::kFront}) {
     QueryOptions options;
     options.culling = culling;
+    options.traversal = traversal;
     std::vector<Hit> closest(n);
     tree.ClosestHits(rays, options, closest);
     for (size_t i = 0; i < n; ++i) {
@@ -77,7 +79,9 @@ testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first,
   }
 
   std::vector<uint8_t> any(n);
-  tree.AnyHits(rays, {}, any);
+  QueryOptions any_options;
+  any_options.traversal = traversal;
+  tree.AnyHits(rays, any_options, any);
   std::vector<uint32_t> counts(n);
   tree.CountHits(rays, {}, counts);
   for (size_t i = 0; i < n; ++i) {

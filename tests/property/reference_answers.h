@@ -23,7 +23,8 @@ class ReferenceAnswers {
 
   // Whether `tree` answers every `stride`-th ray, from `first` on, as brute force does, bit for bit: all four kinds,
   // all hits also with a cap, and the closest hit with each culling. Says how the first wrong ray differs.
-  testing::AssertionResult Match(const Tree& tree, size_t first = 0, size_t stride = 1) const;
+  testing::AssertionResult Match(const Tree& tree, size_t first = 0, size_t stride = 1,
+                                 Traversal traversal = Traversal::kAuto) const;
 
  private:
   std::vector<Ray> rays_;

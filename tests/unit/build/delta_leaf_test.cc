@@ -13,13 +13,19 @@
 namespace deltaray {
 namespace {
 
-double CostOf(const BvhArrays& arrays) {
+// The cost of the subtree of `node`, whose leaves have one reference each, once leaves are made of its lower parts.
+double CostOf(const BvhArrays& arrays, uint32_t node, uint32_t* references) {
   const SahCosts costs{Config()};
-  double cost = 0;
-  for (const BvhNode& node : arrays.nodes) {
-    cost += node.IsLeaf() ? costs.Leaf(node.bounds.HalfArea(), node.count) : costs.Split(node.bounds.HalfArea(), 0);
+  const BvhNode& n = arrays.nodes[node];
+  if (n.IsLeaf()) {
+    *references = 1;
+    return costs.Leaf(n.bounds.HalfArea(), 1);
   }
-  return cost;
+  uint32_t left = 0, right = 0;
+  const double below = CostOf(arrays, node + 1, &left) + CostOf(arrays, n.offset, &right);
+  *references = left + right;
+  const double split = costs.Split(n.bounds.HalfArea(), 0) + below;
+  return *references <= Config().max_leaf_size ? std::min(split, costs.Leaf(n.bounds.HalfArea(), *references)) : split;
 }
 
 uint64_t Wins(const BuildContext& context) {
@@ -33,7 +39,9 @@ TEST(DeltaLeafTest, IsTheCheapestOfItsCandidates) {
     const std::vector<Reference> references = RandomReferences(32, seed, 0.02 * static_cast<double>(seed + 1));
     const Bounds bounds = UnionOf(references);
     const double diagonal = Length(static_cast<Vec3d>(bounds.max) - static_cast<Vec3d>(bounds.min));
-    const double cost = CostOf(BuildDeltaLeaf(references, bounds, config, context));
+    uint32_t count = 0;
+    const double cost = CostOf(BuildDeltaLeaf(references, bounds, config, context), 0, &count);
+    EXPECT_EQ(count, references.size());
     double least = std::numeric_limits<double>::infinity();
     for (const Dendrogram& dendrogram : {Cluster(references, ClusteringCost(0.6, config, bounds, diagonal), context),
                                          Cluster(references, ClusteringCost(1, config, bounds, diagonal), context),
