@@ -36,7 +36,8 @@ Scene RandomScene(uint32_t triangles, float scale, uint64_t seed) {
 BvhArrays BinaryTree(const TrianglesView& triangles, BuildContext& context) {
   std::vector<Reference> references;
   for (uint32_t i = 0; i < triangles.size(); ++i) references.push_back({triangles[i].GetBounds(), i});
-  return CollapsedTree(references, SplitBySweeps(references, context), SahCosts(Config()), 1).ToBvhArrays();
+  return CollapsedTree(references, SplitBySweeps(references, SahCosts(Config()), context), SahCosts(Config()), 1)
+      .ToBvhArrays();
 }
 
 template <typename T>

@@ -18,7 +18,7 @@ namespace {
 BvhArrays RandomTree(uint32_t references, uint64_t seed, double size) {
   BuildContext context;
   const std::vector<Reference> boxes = RandomReferences(references, seed, size);
-  return CollapsedTree(boxes, SplitBySweeps(boxes, context), SahCosts(Config()), 1).ToBvhArrays();
+  return CollapsedTree(boxes, SplitBySweeps(boxes, SahCosts(Config()), context), SahCosts(Config()), 1).ToBvhArrays();
 }
 
 uint32_t ReferencesBelow(const BvhArrays& tree, uint32_t node) {
@@ -104,7 +104,8 @@ TEST(WidePlanTest, BoxesWithoutAreaArePlannedToo) {
   std::vector<Reference> points(100);
   for (uint32_t i = 0; i < points.size(); ++i) points[i] = {{{1, 2, 3}, {1, 2, 3}}, i};
   BuildContext context;
-  const BvhArrays tree = CollapsedTree(points, SplitBySweeps(points, context), SahCosts(Config()), 1).ToBvhArrays();
+  const BvhArrays tree =
+      CollapsedTree(points, SplitBySweeps(points, SahCosts(Config()), context), SahCosts(Config()), 1).ToBvhArrays();
   for (const int width : {4, 8, 16}) {
     uint32_t planned = 0;
     EXPECT_EQ(PlannedCost(tree, WidePlan(tree.nodes, width, context), 0, &planned), 0);
