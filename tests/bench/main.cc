@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "tests/bench/build_bench.h"
+#include "tests/bench/kernel_bench.h"
 #include "tests/bench/paper_bench.h"
 
 int main(int argc, char** argv) {
@@ -38,9 +39,30 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 1000));
   paper->add_option("--csv", paper_options.csv, "File to write; - is standard output");
 
+  deltaray::KernelBenchOptions kernel_options;
+  kernel_options.scenes = {"bunny", "dragon", "elephant", "city", "soup"};
+  kernel_options.rays = {"camera", "bounce", "chords", "shadow"};
+  kernel_options.levels = {"fast", "watertight", "exact"};
+  kernel_options.threads = {1, 2};
+  kernel_options.preset = "balanced";
+  kernel_options.simd = "best";
+  kernel_options.csv = "-";
+  CLI::App* const kernel = app.add_subcommand("kernel", "Rays per second of every kernel, beside Embree's.");
+  kernel->add_option("--scenes", kernel_options.scenes, "Names of scenes");
+  kernel->add_option("--rays", kernel_options.rays, "camera, bounce, chords, shadow");
+  kernel->add_option("--levels", kernel_options.levels, "fast, watertight, exact");
+  kernel->add_option("--threads", kernel_options.threads, "Threads to trace with")->check(CLI::Range(1, 1024));
+  kernel->add_option("--preset", kernel_options.preset, "Of our tree: fast, balanced, best");
+  kernel->add_option("--simd", kernel_options.simd, "best, sse4, avx2, avx512; Embree gets the same");
+  kernel->add_option("--size", kernel_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
+  kernel->add_option("--chunk", kernel_options.chunk, "Rays to give a kernel at once")->check(CLI::Range(1, 1 << 20));
+  kernel->add_option("--rounds", kernel_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
+  kernel->add_option("--csv", kernel_options.csv, "File to write; - is standard output");
+
   CLI11_PARSE(app, argc, argv);
-  const absl::Status status =
-      build->parsed() ? deltaray::RunBuildBench(build_options) : deltaray::RunPaperBench(paper_options);
+  const absl::Status status = build->parsed()    ? deltaray::RunBuildBench(build_options)
+                              : kernel->parsed() ? deltaray::RunKernelBench(kernel_options)
+                                                 : deltaray::RunPaperBench(paper_options);
   if (status.ok()) return 0;
   std::cerr << "deltaray_bench: " << status.message() << '\n';
   return 1;

@@ -39,12 +39,27 @@ absl::StatusOr<T> Parse(const std::array<std::pair<std::string_view, T>, N>& nam
   return absl::InvalidArgumentError(absl::StrCat("no ", what, " '", std::string(name), "'; there are ", known));
 }
 
+double Seconds(clockid_t clock) {
+  timespec time;
+  clock_gettime(clock, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
 }  // namespace
 
 std::string_view EngineName(Builder builder) { return NameOf(kEngines, builder); }
 std::string_view PresetName(Preset preset) { return NameOf(kPresets, preset); }
 absl::StatusOr<Builder> ParseEngine(std::string_view name) { return Parse(kEngines, "engine", name); }
 absl::StatusOr<Preset> ParsePreset(std::string_view name) { return Parse(kPresets, "preset", name); }
+
+absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name) {
+  static constexpr std::array<std::pair<std::string_view, std::optional<SimdTarget>>, 4> kTargets = {
+      {{"best", std::nullopt},
+       {"sse4", SimdTarget::kSse4},
+       {"avx2", SimdTarget::kAvx2},
+       {"avx512", SimdTarget::kAvx512}}};
+  return Parse(kTargets, "SIMD target", name);
+}
 
 double FinishedBuild::cpu_seconds() const {
   double sum = 0;
@@ -53,10 +68,11 @@ double FinishedBuild::cpu_seconds() const {
 }
 
 absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
-                                        uint32_t threads) {
+                                        uint32_t threads, std::optional<SimdTarget> simd_target) {
   Build::Options options;
   options.config = config;
   options.threads = threads;
+  options.simd_target = simd_target;
   const std::shared_ptr<Build> build = Build::Start(mesh, std::move(options));
   if (absl::Status status = build->WaitDone(); !status.ok()) return status;
   return FinishedBuild{build->snapshot(), build->statistics()};
@@ -80,11 +96,8 @@ absl::Status Interleave(size_t count, size_t rounds, const std::function<absl::S
   return absl::OkStatus();
 }
 
-double ThreadCpuSeconds() {
-  timespec time;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
+double ThreadCpuSeconds() { return Seconds(CLOCK_THREAD_CPUTIME_ID); }
+double ProcessCpuSeconds() { return Seconds(CLOCK_PROCESS_CPUTIME_ID); }
 
 absl::StatusOr<std::vector<Scene>> LoadScenes(const std::vector<std::string>& names) {
   std::vector<Scene> scenes;

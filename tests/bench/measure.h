@@ -6,12 +6,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "server/build/build.h"
+#include "server/tree/simd_target.h"
 
 namespace deltaray {
 
@@ -29,8 +31,12 @@ struct FinishedBuild {
   double cpu_seconds() const;  // of all phases and threads
 };
 
+// `simd_target`: what the tree may use of the machine; by default the best that there is.
 absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
-                                        uint32_t threads);
+                                        uint32_t threads, std::optional<SimdTarget> simd_target = std::nullopt);
+
+// "best" (nothing), "sse4", "avx2" or "avx512".
+absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name);
 
 // Repeated measurements of one thing.
 class Samples {
@@ -40,6 +46,8 @@ class Samples {
   // The quarters: half of the values lie between them.
   double low() const { return Quantile(0.25); }
   double high() const { return Quantile(0.75); }
+  // The distance of the quarters, relative to the median.
+  double spread() const { return (high() - low()) / median(); }
 
  private:
   double Quantile(double q) const;
@@ -50,8 +58,9 @@ class Samples {
 // the machine meets all alike. Stops at the first error.
 absl::Status Interleave(size_t count, size_t rounds, const std::function<absl::Status(size_t)>& measure);
 
-// Processor time of the calling thread.
+// Processor time of the calling thread, and of all threads of this process.
 double ThreadCpuSeconds();
+double ProcessCpuSeconds();
 
 // Loads scenes by name, each once and all before anything is measured.
 struct Scene {

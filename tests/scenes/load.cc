@@ -14,8 +14,10 @@ namespace deltaray {
 namespace {
 
 constexpr std::string_view kBunny = "/usr/share/glmark2/models/bunny.obj";
-// Defined by CMake.
+// The directory is defined by CMake.
 constexpr std::string_view kDragon = DELTARAY_SCENE_CACHE "/dragon_vrip.ply";
+constexpr std::string_view kElephant = DELTARAY_SCENE_CACHE "/elephant.obj";
+constexpr std::string_view kArmadillo = DELTARAY_SCENE_CACHE "/armadillo.obj";
 
 absl::StatusOr<TriangleMesh> ReadFile(std::string_view path, std::string_view advice) {
   std::ifstream file(std::string(path), std::ios::binary);
@@ -29,7 +31,7 @@ absl::StatusOr<TriangleMesh> ReadFile(std::string_view path, std::string_view ad
 }  // namespace
 
 std::vector<std::string> SceneNames() {
-  std::vector<std::string> names = {"bunny", "dragon", "city", "soup", "terrain"};
+  std::vector<std::string> names = {"bunny", "dragon", "elephant", "armadillo", "city", "soup", "terrain"};
   for (const PathologicalScene& scene : PathologicalScenes()) names.emplace_back(scene.name);
   return names;
 }
@@ -37,6 +39,8 @@ std::vector<std::string> SceneNames() {
 absl::StatusOr<TriangleMesh> LoadScene(std::string_view name) {
   if (name == "bunny") return ReadFile(kBunny, "install Debian's package glmark2-data");
   if (name == "dragon") return ReadFile(kDragon, "run tests/bench/fetch_dragon.sh");
+  if (name == "elephant") return ReadFile(kElephant, "run tests/bench/fetch_elephant.sh");
+  if (name == "armadillo") return ReadFile(kArmadillo, "run tests/bench/fetch_elephant.sh");
   if (name == "city") return City();
   if (name == "soup") return Soup();
   if (name == "terrain") return Terrain(1000, 1000);

@@ -12,8 +12,8 @@
 
 namespace deltaray {
 
-// The names that LoadScene knows: the scans "bunny" and "dragon", the made "city", "soup" and "terrain" (1000 × 1000
-// squares), and every pathological scene at its full size.
+// The names that LoadScene knows: the scans "bunny", "dragon", "elephant" and "armadillo", the made "city", "soup" and
+// "terrain" (1000 × 1000 squares), and every pathological scene at its full size.
 std::vector<std::string> SceneNames();
 
 // Reads or makes a scene. NOT_FOUND where its file is missing, saying how to get it; INVALID_ARGUMENT, listing the

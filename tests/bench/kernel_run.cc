@@ -1,0 +1,54 @@
+#include "tests/bench/kernel_run.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "tests/bench/measure.h"
+
+namespace deltaray {
+
+double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<float> t) {
+  std::atomic<size_t> next{0};
+  std::vector<double> seconds(threads, 0);
+  const auto work = [&](uint32_t thread) {
+    const std::unique_ptr<Kernel::Worker> worker = kernel.MakeWorker(chunk);
+    for (size_t first; (first = next.fetch_add(chunk)) < rays.size();) {
+      const size_t count = std::min(chunk, rays.size() - first);
+      worker->Load(rays.subspan(first, count));
+      const double start = ThreadCpuSeconds();
+      worker->Trace();
+      seconds[thread] += ThreadCpuSeconds() - start;
+      worker->Store(t.subspan(first, count));
+    }
+  };
+  std::vector<std::thread> others;
+  for (uint32_t thread = 1; thread < threads; ++thread) others.emplace_back(work, thread);
+  work(0);
+  for (std::thread& other : others) other.join();
+  double sum = 0;
+  for (const double s : seconds) sum += s;
+  return sum;
+}
+
+double MegaraysPerSecond(size_t rays, uint32_t threads, double cpu_seconds) {
+  return 1e-6 * static_cast<double>(rays) * threads / cpu_seconds;
+}
+
+size_t CountDisagreements(std::span<const float> t, std::span<const float> expected, float tolerance) {
+  size_t count = 0;
+  for (size_t i = 0; i < t.size(); ++i) {
+    const float a = t[i], b = expected[i];
+    if (std::isinf(a) || std::isinf(b)) {
+      count += std::isinf(a) != std::isinf(b);
+    } else {
+      count += !(std::abs(a - b) <= tolerance * std::max(std::abs(a), std::abs(b)));
+    }
+  }
+  return count;
+}
+
+}  // namespace deltaray

@@ -1,0 +1,29 @@
+// One timed pass of a kernel over a set of rays.
+
+#ifndef TESTS_BENCH_KERNEL_RUN_H_
+#define TESTS_BENCH_KERNEL_RUN_H_
+
+#include <cstdint>
+#include <span>
+
+#include "server/geometry/ray.h"
+#include "tests/bench/kernel.h"
+
+namespace deltaray {
+
+// Answers `rays` in chunks of `chunk` on `threads` threads, each of which takes the next chunk once it is done with
+// one. Returns the processor seconds of all threads within Kernel::Worker::Trace: what other processes take of the
+// machine does not count. t[i]: as Kernel::Worker::Store tells.
+double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<float> t);
+
+// Rays per second and thread in millions, of a pass that took `cpu_seconds`, times the threads: the speed that the pass
+// would have on as many cores of its own.
+double MegaraysPerSecond(size_t rays, uint32_t threads, double cpu_seconds);
+
+// Number of rays of which `t` and `expected` differ: one is a miss and the other a hit, or they differ by more than
+// `tolerance`, relative to the larger one.
+size_t CountDisagreements(std::span<const float> t, std::span<const float> expected, float tolerance);
+
+}  // namespace deltaray
+
+#endif  // TESTS_BENCH_KERNEL_RUN_H_

@@ -1,0 +1,73 @@
+#include "tests/bench/kernel_run.h"
+
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+namespace deltaray {
+namespace {
+
+constexpr float kInf = std::numeric_limits<float>::infinity();
+
+// Answers each ray with the x of its origin.
+class EchoKernel final : public Kernel {
+ public:
+  explicit EchoKernel(std::atomic<size_t>* traced) : traced_(traced) {}
+  std::unique_ptr<Worker> MakeWorker(size_t max_rays) const override {
+    return std::make_unique<EchoWorker>(traced_, max_rays);
+  }
+
+ private:
+  class EchoWorker final : public Worker {
+   public:
+    EchoWorker(std::atomic<size_t>* traced, size_t max_rays) : traced_(traced), max_rays_(max_rays) {}
+    void Load(std::span<const Ray> rays) override {
+      EXPECT_LE(rays.size(), max_rays_);
+      rays_ = rays;
+    }
+    void Trace() override { *traced_ += rays_.size(); }
+    void Store(std::span<float> t) const override {
+      ASSERT_EQ(t.size(), rays_.size());
+      for (size_t i = 0; i < t.size(); ++i) t[i] = rays_[i].origin.x;
+    }
+
+   private:
+    std::atomic<size_t>* const traced_;
+    const size_t max_rays_;
+    std::span<const Ray> rays_;
+  };
+
+  std::atomic<size_t>* const traced_;
+};
+
+TEST(TraceAllTest, GivesEachRayItsAnswerWhateverTheThreads) {
+  std::vector<Ray> rays(1003);
+  for (size_t i = 0; i < rays.size(); ++i) rays[i].origin.x = static_cast<float>(i);
+  for (const uint32_t threads : {1u, 2u, 5u}) {
+    std::atomic<size_t> traced{0};
+    std::vector<float> t(rays.size(), -1);
+    EXPECT_GE(TraceAll(EchoKernel(&traced), rays, threads, 100, t), 0);
+    EXPECT_EQ(traced, rays.size());
+    for (size_t i = 0; i < rays.size(); ++i) ASSERT_EQ(t[i], rays[i].origin.x);
+  }
+}
+
+TEST(MegaraysPerSecondTest, IsThatOfCoresOfTheirOwn) {
+  EXPECT_DOUBLE_EQ(MegaraysPerSecond(2'000'000, 1, 0.5), 4);
+  EXPECT_DOUBLE_EQ(MegaraysPerSecond(2'000'000, 2, 0.5), 8);
+}
+
+TEST(CountDisagreementsTest, ComparesMissesExactlyAndDistancesWithinTheTolerance) {
+  const std::vector<float> expected = {1, 1, kInf, kInf, 2, 0, 0};
+  const std::vector<float> t = {1.0005f, 1.01f, kInf, 3, kInf, 0, 1e-30f};
+  EXPECT_EQ(CountDisagreements(t, expected, 1e-3f), 4u);
+  EXPECT_EQ(CountDisagreements(t, expected, 0), 5u);
+  EXPECT_EQ(CountDisagreements(expected, expected, 0), 0u);
+  EXPECT_EQ(CountDisagreements(std::vector<float>{NAN}, std::vector<float>{1}, 1), 1u);
+}
+
+}  // namespace
+}  // namespace deltaray
