@@ -1,4 +1,4 @@
-// What building costs, and what it gives: the hybrid and the baselines.
+// What building costs, and what it gives: the hybrid, the baselines, and Embree.
 
 #ifndef TESTS_BENCH_BUILD_BENCH_H_
 #define TESTS_BENCH_BUILD_BENCH_H_
@@ -13,7 +13,7 @@ namespace deltaray {
 
 struct BuildBenchOptions {
   std::vector<std::string> scenes;
-  std::vector<std::string> engines;
+  std::vector<std::string> engines;  // "embree" has qualities of its own in place of presets: medium and high
   std::vector<std::string> presets;
   std::vector<uint32_t> threads;
   uint32_t rounds = 5;

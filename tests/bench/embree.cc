@@ -4,13 +4,11 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <cstring>
 #include <limits>
 #include <type_traits>
 
 #include "absl/strings/str_cat.h"
-#include "tests/bench/measure.h"
 
 namespace deltaray {
 namespace {
@@ -218,11 +216,9 @@ class EmbreeSceneImpl final : public EmbreeScene {
     rtcReleaseGeometry(geometry);
 
     const int64_t mesh_bytes = meter_.bytes;
-    const double cpu_start = ProcessCpuSeconds();
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch stopwatch;
     rtcCommitScene(scene_);
-    cost_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    cost_.cpu_seconds = ProcessCpuSeconds() - cpu_start;
+    stopwatch.Stop(&cost_);
     cost_.bytes = static_cast<uint64_t>(meter_.bytes - mesh_bytes);
     cost_.peak_bytes = static_cast<uint64_t>(meter_.peak - mesh_bytes);
   }
@@ -269,6 +265,7 @@ absl::StatusOr<std::unique_ptr<EmbreeScene>> EmbreeScene::Build(const TriangleMe
   return scene;
 }
 
+bool HaveEmbree() { return true; }
 std::string EmbreeVersion() { return absl::StrCat("Embree ", RTC_VERSION_STRING); }
 
 }  // namespace deltaray

@@ -14,16 +14,9 @@
 #include "server/mesh/triangle_mesh.h"
 #include "server/tree/simd_target.h"
 #include "tests/bench/kernel.h"
+#include "tests/bench/measure.h"
 
 namespace deltaray {
-
-// What a build took.
-struct BuildCost {
-  double seconds = 0;
-  double cpu_seconds = 0;   // of all threads
-  uint64_t bytes = 0;       // of the finished structure, without the mesh
-  uint64_t peak_bytes = 0;  // while building, likewise
-};
 
 // One scene of one mesh.
 class EmbreeScene {
@@ -35,8 +28,8 @@ class EmbreeScene {
     bool robust = false;
     // Threads to build with. 0: all cores.
     uint32_t threads = 0;
-    // What Embree may use of the machine. Empty: its own choice.
-    std::optional<SimdTarget> simd_target;
+    // What Embree may use of the machine. Nothing: its own choice.
+    std::optional<SimdTarget> simd_target = std::nullopt;
   };
 
   // UNIMPLEMENTED where the program was built without Embree.
@@ -54,6 +47,8 @@ class EmbreeScene {
   virtual std::unique_ptr<Kernel> MakeKernel(std::string_view mode, Question question) const = 0;
 };
 
+// Whether the program was built with Embree.
+bool HaveEmbree();
 // "Embree 3.13.5", or why there is none.
 std::string EmbreeVersion();
 

@@ -61,21 +61,29 @@ absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name)
   return Parse(kTargets, "SIMD target", name);
 }
 
-double FinishedBuild::cpu_seconds() const {
-  double sum = 0;
-  for (const PhaseTime& phase : statistics.phases) sum += phase.cpu_seconds;
-  return sum;
-}
-
 absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
                                         uint32_t threads, std::optional<SimdTarget> simd_target) {
   Build::Options options;
   options.config = config;
   options.threads = threads;
   options.simd_target = simd_target;
+  FinishedBuild result;
+  const Stopwatch stopwatch;
   const std::shared_ptr<Build> build = Build::Start(mesh, std::move(options));
   if (absl::Status status = build->WaitDone(); !status.ok()) return status;
-  return FinishedBuild{build->snapshot(), build->statistics()};
+  stopwatch.Stop(&result.cost);
+  result.snapshot = build->snapshot();
+  result.statistics = build->statistics();
+  result.cost.bytes = result.statistics.shape.node_bytes + result.statistics.shape.reference_bytes;
+  result.cost.peak_bytes = result.statistics.peak_build_bytes;
+  return result;
+}
+
+Stopwatch::Stopwatch() : start_(std::chrono::steady_clock::now()), cpu_start_(ProcessCpuSeconds()) {}
+
+void Stopwatch::Stop(BuildCost* cost) const {
+  cost->seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  cost->cpu_seconds = ProcessCpuSeconds() - cpu_start_;
 }
 
 double Samples::Quantile(double q) const {

@@ -3,6 +3,7 @@
 #ifndef TESTS_BENCH_MEASURE_H_
 #define TESTS_BENCH_MEASURE_H_
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -23,12 +24,19 @@ std::string_view PresetName(Preset preset);
 absl::StatusOr<Builder> ParseEngine(std::string_view name);
 absl::StatusOr<Preset> ParsePreset(std::string_view name);
 
+// What a build took.
+struct BuildCost {
+  double seconds = 0;
+  double cpu_seconds = 0;   // of all threads
+  uint64_t bytes = 0;       // of the finished structure, without the mesh
+  uint64_t peak_bytes = 0;  // while building, likewise
+};
+
 // One build from start to end.
 struct FinishedBuild {
   std::shared_ptr<const TreeSnapshot> snapshot;
   BuildStatistics statistics;
-
-  double cpu_seconds() const;  // of all phases and threads
+  BuildCost cost;
 };
 
 // `simd_target`: what the tree may use of the machine; by default the best that there is.
@@ -37,6 +45,18 @@ absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh
 
 // "best" (nothing), "sse4", "avx2" or "avx512".
 absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name);
+
+// Measures what passes between its making and the call of Stop.
+class Stopwatch {
+ public:
+  Stopwatch();
+  // Sets cost->seconds and cost->cpu_seconds.
+  void Stop(BuildCost* cost) const;
+
+ private:
+  const std::chrono::steady_clock::time_point start_;
+  const double cpu_start_;
+};
 
 // Repeated measurements of one thing.
 class Samples {

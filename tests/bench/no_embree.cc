@@ -9,6 +9,7 @@ absl::StatusOr<std::unique_ptr<EmbreeScene>> EmbreeScene::Build(const TriangleMe
   return absl::UnimplementedError(EmbreeVersion());
 }
 
+bool HaveEmbree() { return false; }
 std::string EmbreeVersion() { return "built without Embree: install libembree-dev and configure again"; }
 
 }  // namespace deltaray

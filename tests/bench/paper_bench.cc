@@ -71,7 +71,7 @@ absl::Status Measure(const PaperBenchOptions& options, Experiment& experiment, s
   absl::Status status = Interleave(variants.size(), options.build_rounds, [&](size_t i) {
     absl::StatusOr<FinishedBuild> build = BuildOnce(mesh, variants[i].config, 1);
     if (!build.ok()) return build.status();
-    variants[i].build_seconds.Add(build->cpu_seconds());
+    variants[i].build_seconds.Add(build->cost.cpu_seconds);
     variants[i].last = *std::move(build);
     return absl::OkStatus();
   });
