@@ -44,6 +44,8 @@ absl::StatusOr<Connection> Connection::Open(const Session& session) {
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
+  // Without this, connections of one process to one server would share a socket, and gRPC serves that by one thread.
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   auto channel = grpc::CreateCustomChannel(session.server, grpc::InsecureChannelCredentials(), arguments);
 
   // Connect before the first RPC, so that "nobody is there" is told apart from an UNAVAILABLE that a server answers.

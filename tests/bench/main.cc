@@ -6,6 +6,7 @@
 #include "tests/bench/build_bench.h"
 #include "tests/bench/kernel_bench.h"
 #include "tests/bench/paper_bench.h"
+#include "tests/bench/service_bench.h"
 
 int main(int argc, char** argv) {
   CLI::App app("Measures how deltaray builds and traces. tests/bench/README.md explains the columns.");
@@ -59,10 +60,30 @@ int main(int argc, char** argv) {
   kernel->add_option("--rounds", kernel_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
   kernel->add_option("--csv", kernel_options.csv, "File to write; - is standard output");
 
+  deltaray::ServiceBenchOptions service_options;
+  service_options.scenes = {"bunny"};
+  service_options.rays = {"camera", "bounce", "miss"};
+  service_options.streams = {1, 2, 4, 8, 16};
+  service_options.batches = {64, 256, 1024, 4096, 16384, 65536};
+  service_options.upload_scene = "dragon";
+  service_options.csv = "-";
+  CLI::App* const service = app.add_subcommand("service", "What gRPC on loopback costs beyond tracing.");
+  service->add_option("--scenes", service_options.scenes, "Names of scenes");
+  service->add_option("--rays", service_options.rays, "camera, bounce, chords, miss");
+  service->add_option("--streams", service_options.streams, "Streams at once")->check(CLI::Range(1, 256));
+  service->add_option("--batches", service_options.batches, "Rays of a batch")->check(CLI::Range(1, 1 << 20));
+  service->add_option("--upload-scene", service_options.upload_scene, "Uploaded to see how soon it is answered from");
+  service->add_option("--size", service_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
+  service->add_option("--calls", service_options.calls, "Calls to take latencies of")->check(CLI::Range(1, 1 << 20));
+  service->add_option("--rounds", service_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
+  service->add_option("--server", service_options.server, "deltarayd; empty: the one beside this program");
+  service->add_option("--csv", service_options.csv, "File to write; - is standard output");
+
   CLI11_PARSE(app, argc, argv);
-  const absl::Status status = build->parsed()    ? deltaray::RunBuildBench(build_options)
-                              : kernel->parsed() ? deltaray::RunKernelBench(kernel_options)
-                                                 : deltaray::RunPaperBench(paper_options);
+  const absl::Status status = build->parsed()     ? deltaray::RunBuildBench(build_options)
+                              : kernel->parsed()  ? deltaray::RunKernelBench(kernel_options)
+                              : service->parsed() ? deltaray::RunServiceBench(service_options)
+                                                  : deltaray::RunPaperBench(paper_options);
   if (status.ok()) return 0;
   std::cerr << "deltaray_bench: " << status.message() << '\n';
   return 1;

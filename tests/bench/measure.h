@@ -68,9 +68,10 @@ class Samples {
   double high() const { return Quantile(0.75); }
   // The distance of the quarters, relative to the median.
   double spread() const { return (high() - low()) / median(); }
+  // The value below which a part q of the values lies, from 0 to 1; between two values by interpolation.
+  double Quantile(double q) const;
 
  private:
-  double Quantile(double q) const;
   std::vector<double> values_;
 };
 

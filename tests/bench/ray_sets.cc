@@ -9,14 +9,17 @@ namespace {
 constexpr uint64_t kSeed = 1;
 }  // namespace
 
-std::vector<std::string> RaySetNames() { return {"camera", "bounce", "chords", "shadow"}; }
+std::vector<std::string> RaySetNames() { return {"camera", "bounce", "chords", "shadow", "miss"}; }
 
 absl::StatusOr<RaySet> MakeRaySet(std::string_view name, const TriangleMesh& mesh, const Tree& tree, uint32_t size) {
   const Bounds bounds = MeshBounds(mesh);
   RaySet set;
   set.name = name;
-  if (name == "chords") {
+  if (name == "chords" || name == "miss") {
     set.rays = ChordRays(bounds, size * size, kSeed);
+    if (name == "miss") {
+      for (Ray& ray : set.rays) ray.direction = -1.0f * ray.direction;
+    }
     return set;
   }
   set.rays = CameraRays(bounds, size, size);

@@ -24,11 +24,12 @@ struct RaySet {
   std::vector<Ray> rays;
 };
 
-// The names that MakeRaySet knows: camera, bounce, chords, shadow.
+// The names that MakeRaySet knows: camera, bounce, chords, shadow, miss.
 std::vector<std::string> RaySetNames();
 
 // Makes a set for `mesh`: camera rays for a picture of size × size pixels; from each of their hits one diffuse bounce,
-// in random order, or one ray to a light, in order; size × size chords of the bounding sphere. `tree` answers where the
+// in random order, or one ray to a light, in order; size × size chords of the bounding sphere, or rays that
+// lead away from it, which cost all but nothing to trace. `tree` answers where the
 // camera rays hit. INVALID_ARGUMENT, listing the names, where there is no such set.
 absl::StatusOr<RaySet> MakeRaySet(std::string_view name, const TriangleMesh& mesh, const Tree& tree, uint32_t size);
 

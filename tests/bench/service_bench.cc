@@ -1,0 +1,225 @@
+#include "tests/bench/service_bench.h"
+
+#include <chrono>
+#include <cstring>
+#include <iostream>
+#include <memory>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "tests/bench/kernel_run.h"
+#include "tests/bench/measure.h"
+#include "tests/bench/ray_sets.h"
+#include "tests/bench/server_process.h"
+#include "tests/bench/service_client.h"
+
+namespace deltaray {
+namespace {
+
+// Rays that the service gives a tree at once, about.
+constexpr size_t kChunk = 1024;
+
+// Collects the lines of the CSV file.
+class Lines {
+ public:
+  void Add(const std::string& experiment, const std::string& scene, const std::string& rays, uint32_t streams,
+           size_t batch, const std::string& quantity, double value, double spread) {
+    lines_.push_back(absl::StrFormat("%s,%s,%s,%d,%d,%s,%.4f,%.3f", experiment, scene, rays, streams, batch, quantity,
+                                     value, spread));
+    std::cerr << lines_.back() << '\n';
+  }
+  void Add(const std::string& experiment, const std::string& scene, const std::string& rays, uint32_t streams,
+           size_t batch, const std::string& quantity, const Samples& samples) {
+    Add(experiment, scene, rays, streams, batch, quantity, samples.median(), samples.spread());
+  }
+  const std::vector<std::string>& lines() const { return lines_; }
+
+ private:
+  std::vector<std::string> lines_ = {"experiment,scene,rays,streams,batch,quantity,value,spread"};
+};
+
+// A set of rays on a mesh that the server holds, and the same in-process.
+struct Target {
+  std::string scene;
+  std::string mesh_id;
+  const RaySet* set;
+  WireRays wire;
+  std::unique_ptr<Kernel> kernel;
+  std::vector<float> t;  // the right answers
+};
+
+// One number of streams and size of batch.
+struct Load {
+  uint32_t streams;
+  uint32_t batch;
+  Samples mrays_s, server, client, beyond;  // the last three: processor seconds per million rays
+};
+
+absl::Status SendAll(const ServerProcess& server, const Target& target, const Load& load) {
+  std::vector<std::unique_ptr<BenchConnection>> connections;
+  for (uint32_t i = 0; i < load.streams; ++i) {
+    auto connection = BenchConnection::Open(server.address());
+    if (!connection.ok()) return connection.status();
+    connections.push_back(*std::move(connection));
+  }
+  // Each stream sends a part of the rays, on a connection of its own.
+  const size_t rays = target.set->rays.size();
+  std::vector<absl::Status> statuses(load.streams);
+  const auto send = [&](uint32_t i) {
+    const size_t first = rays * i / load.streams, last = rays * (i + 1) / load.streams;
+    statuses[i] = StreamAll(**connections[i], target.mesh_id, target.wire, first, last - first, load.batch,
+                            [&target](size_t at, const v1::HitBatch& hits) {
+                              const bool same = hits.t().size() == hits.ray_count() * sizeof(float) &&
+                                                std::memcmp(hits.t().data(), &target.t[at], hits.t().size()) == 0;
+                              return same ? absl::OkStatus() : absl::InternalError("the service answers otherwise");
+                            });
+  };
+  std::vector<std::thread> threads;
+  for (uint32_t i = 0; i < load.streams; ++i) threads.emplace_back(send, i);
+  for (std::thread& thread : threads) thread.join();
+  for (absl::Status& status : statuses) {
+    if (!status.ok()) return std::move(status);
+  }
+  return absl::OkStatus();
+}
+
+// Throughput, and what it costs either side, against the same rays in-process.
+absl::Status MeasureThroughput(const ServerProcess& server, const Target& target, const ServiceBenchOptions& options,
+                               Lines* lines) {
+  std::vector<Load> loads;
+  for (const uint32_t streams : options.streams) {
+    for (const uint32_t batch : options.batches) loads.push_back({streams, batch, {}, {}, {}, {}});
+  }
+  const size_t rays = target.set->rays.size();
+  const double mrays = 1e-6 * static_cast<double>(rays);
+  const uint32_t cores = std::thread::hardware_concurrency();
+  Samples kernel_cpu;
+  std::vector<float> t(rays);
+  const absl::Status status = Interleave(loads.size(), options.rounds, [&](size_t i) {
+    const double kernel = TraceAll(*target.kernel, target.set->rays, cores, kChunk, t) / mrays;
+    const double server_start = server.CpuSeconds();
+    BuildCost cost;
+    const Stopwatch stopwatch;
+    if (absl::Status sent = SendAll(server, target, loads[i]); !sent.ok()) return sent;
+    stopwatch.Stop(&cost);
+    const double server_cpu = (server.CpuSeconds() - server_start) / mrays;
+    const double client_cpu = cost.cpu_seconds / mrays;
+    kernel_cpu.Add(kernel);
+    loads[i].mrays_s.Add(mrays / cost.seconds);
+    loads[i].server.Add(server_cpu);
+    loads[i].client.Add(client_cpu);
+    loads[i].beyond.Add(server_cpu + client_cpu - kernel);
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  const std::string& set = target.set->name;
+  lines->Add("throughput", target.scene, set, 0, kChunk, "kernel_cpu_s_per_mray", kernel_cpu);
+  for (const Load& load : loads) {
+    const auto add = [&](const char* quantity, const Samples& samples) {
+      lines->Add("throughput", target.scene, set, load.streams, load.batch, quantity, samples);
+    };
+    add("mrays_s", load.mrays_s);
+    add("server_cpu_s_per_mray", load.server);
+    add("client_cpu_s_per_mray", load.client);
+    add("beyond_kernel_cpu_s_per_mray", load.beyond);
+  }
+  return absl::OkStatus();
+}
+
+// How long single calls take, one at a time.
+absl::Status MeasureLatency(Connection& connection, const Target& target, const ServiceBenchOptions& options,
+                            Lines* lines) {
+  for (const bool stream : {false, true}) {
+    for (const size_t rays : {size_t{1}, size_t{64}}) {
+      const absl::StatusOr<Samples> samples =
+          (stream ? StreamLatencies : UnaryLatencies)(connection, target.mesh_id, target.wire, rays, options.calls);
+      if (!samples.ok()) return samples.status();
+      for (const auto& [quantity, q] : {std::pair("p50_us", 0.5), std::pair("p99_us", 0.99)}) {
+        lines->Add(stream ? "stream_latency" : "unary_latency", target.scene, target.set->name, stream ? 1 : 0, rays,
+                   quantity, samples->Quantile(q), samples->spread());
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+// How long after its last byte a mesh is answered from, and how long until its final tree is.
+absl::Status MeasureUpload(Connection& connection, const Scene& scene, const ServiceBenchOptions& options,
+                           Lines* lines) {
+  const WireRays ray(std::vector<Ray>{{.origin = {0, 0, 0}, .direction = {0, 0, 1}}});
+  Samples stored, first_ray, final_tree, ratio;
+  for (uint32_t round = 0; round < options.rounds; ++round) {
+    std::chrono::steady_clock::time_point start;
+    const auto seconds = [&start] {
+      return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    };
+    const absl::StatusOr<std::string> mesh =
+        UploadArrays(connection, *scene.mesh, [&start] { start = std::chrono::steady_clock::now(); });
+    if (!mesh.ok()) return mesh.status();
+    stored.Add(seconds());
+    if (auto reply = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_PROVISIONAL); !reply.ok()) return reply.status();
+    const double first = seconds();
+    if (auto reply = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_FINAL); !reply.ok()) return reply.status();
+    const double last = seconds();
+    first_ray.Add(first);
+    final_tree.Add(last);
+    ratio.Add(first / last);
+    if (absl::Status status = DeleteMesh(connection, *mesh); !status.ok()) return status;
+  }
+  lines->Add("upload", scene.name, "", 0, 1, "stored_s", stored);
+  lines->Add("upload", scene.name, "", 0, 1, "first_ray_s", first_ray);
+  lines->Add("upload", scene.name, "", 0, 1, "final_tree_s", final_tree);
+  lines->Add("upload", scene.name, "", 0, 1, "first_ray_to_final_tree", ratio);
+  return absl::OkStatus();
+}
+
+absl::Status MeasureScene(const ServerProcess& server, Connection& connection, const Scene& scene,
+                          const ServiceBenchOptions& options, Lines* lines) {
+  const absl::StatusOr<FinishedBuild> build = BuildOnce(scene.mesh, Config(), 0);
+  if (!build.ok()) return build.status();
+  const absl::StatusOr<std::string> mesh_id = UploadArrays(connection, *scene.mesh, [] {});
+  if (!mesh_id.ok()) return mesh_id.status();
+  if (auto reply = Cast(connection, *mesh_id, WireRays({}), 0, 0, v1::BUILD_WAIT_FINAL); !reply.ok())
+    return reply.status();
+  for (const std::string& name : options.rays) {
+    const Tree& tree = *build->snapshot->tree;
+    const absl::StatusOr<RaySet> set = MakeRaySet(name, *scene.mesh, tree, options.size);
+    if (!set.ok()) return set.status();
+    Target target{scene.name,
+                  *mesh_id,
+                  &*set,
+                  WireRays(set->rays),
+                  MakeDeltarayKernel(tree, {}, Question::kClosestHit),
+                  std::vector<float>(set->rays.size())};
+    TraceAll(*target.kernel, set->rays, 1, kChunk, target.t);
+    if (absl::Status status = MeasureThroughput(server, target, options, lines); !status.ok()) return status;
+    if (absl::Status status = MeasureLatency(connection, target, options, lines); !status.ok()) return status;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status RunServiceBench(const ServiceBenchOptions& options) {
+  const absl::StatusOr<std::vector<Scene>> scenes = LoadScenes(options.scenes);
+  if (!scenes.ok()) return scenes.status();
+  const absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(options.server);
+  if (!server.ok()) return server.status();
+  const absl::StatusOr<std::unique_ptr<BenchConnection>> connection = BenchConnection::Open((*server)->address());
+  if (!connection.ok()) return connection.status();
+  Lines lines;
+  if (!options.upload_scene.empty()) {
+    const absl::StatusOr<std::vector<Scene>> upload = LoadScenes({options.upload_scene});
+    if (!upload.ok()) return upload.status();
+    absl::Status status = MeasureUpload(***connection, upload->front(), options, &lines);
+    if (!status.ok()) return status;
+  }
+  for (const Scene& scene : *scenes) {
+    absl::Status status = MeasureScene(**server, ***connection, scene, options, &lines);
+    if (!status.ok()) return status;
+  }
+  return WriteLines(options.csv, lines.lines());
+}
+
+}  // namespace deltaray

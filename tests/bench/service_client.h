@@ -1,0 +1,78 @@
+// The calls by which the service benchmark uses a server, through the client's own code.
+
+#ifndef TESTS_BENCH_SERVICE_CLIENT_H_
+#define TESTS_BENCH_SERVICE_CLIENT_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/connection.h"
+#include "deltaray/v1/ray_service.pb.h"
+#include "server/geometry/ray.h"
+#include "server/mesh/triangle_mesh.h"
+#include "tests/bench/measure.h"
+
+namespace deltaray {
+
+// A connection with what it needs to live.
+class BenchConnection {
+ public:
+  static absl::StatusOr<std::unique_ptr<BenchConnection>> Open(const std::string& address);
+  Connection& operator*() { return *connection_; }
+  Connection* operator->() { return &*connection_; }
+
+ private:
+  explicit BenchConnection(const std::string& address)
+      : session_{-1, stdout, stderr, false, stop_, address, /*timeout_seconds=*/60} {}
+
+  StopSignal stop_;
+  const Session session_;
+  absl::StatusOr<Connection> connection_ = absl::UnknownError("not connected");
+};
+
+// Uploads the stored arrays of `mesh`, and returns its id. Calls `on_last_byte` once all of them are sent.
+absl::StatusOr<std::string> UploadArrays(Connection& connection, const TriangleMesh& mesh,
+                                         const std::function<void()>& on_last_byte);
+absl::Status DeleteMesh(Connection& connection, const std::string& mesh);
+
+// Rays as they travel: without intervals where all of them have the default one.
+struct WireRays {
+  explicit WireRays(std::span<const Ray> rays);
+
+  v1::RayLayout layout;
+  size_t ray_bytes;
+  std::string bytes;
+
+  // `count` rays from `first` on.
+  std::string_view Some(size_t first, size_t count) const {
+    return std::string_view(bytes).substr(first * ray_bytes, count * ray_bytes);
+  }
+  size_t size() const { return bytes.size() / ray_bytes; }
+};
+
+// One unary call, with the rays from `first` on.
+absl::StatusOr<v1::CastRaysResponse> Cast(Connection& connection, const std::string& mesh, const WireRays& rays,
+                                          size_t first, size_t count, v1::BuildWait wait);
+
+// Streams the rays from `first` on in batches of `batch`, at the full speed of the window. `take` gets each reply and
+// the number of the first ray that it answers.
+absl::Status StreamAll(Connection& connection, const std::string& mesh, const WireRays& rays, size_t first,
+                       size_t count, size_t batch,
+                       const std::function<absl::Status(size_t first, const v1::HitBatch& hits)>& take);
+
+// The times, in microseconds, that `calls` calls of `count` rays each took, one after the other: unary ones, and
+// batches of a stream of which each waits for the reply to the one before.
+absl::StatusOr<Samples> UnaryLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
+                                       size_t count, size_t calls);
+absl::StatusOr<Samples> StreamLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
+                                        size_t count, size_t calls);
+
+}  // namespace deltaray
+
+#endif  // TESTS_BENCH_SERVICE_CLIENT_H_
