@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cstring>
-#include <string>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -18,9 +17,12 @@
 namespace deltaray {
 namespace {
 
-// Rays of a piece: enough to make the cost of a task vanish, few enough that all cores end at about the same time and
-// that a cancelled batch ends soon.
-constexpr size_t kPieceRays = 512;
+// Rays of a piece: enough to make the cost of a task vanish and to keep many rays in flight, few enough that all cores
+// end at about the same time, that a cancelled batch ends soon, and that all of a piece stays in the cache.
+constexpr size_t kMinPieceRays = 256;
+constexpr size_t kMaxPieceRays = RayBatchView::kMaxPieceRays;
+// Pieces for each core, where a batch has rays for that many.
+constexpr size_t kPiecesPerCore = 4;
 // A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
 constexpr size_t kPieceHits = size_t{1} << 20;
 constexpr size_t kSmallBatchRays = 256;
@@ -66,76 +68,71 @@ class Answering {
         query_(query),
         rays_(rays),
         limits_(limits),
-        cancelled_(cancelled) {}
+        cancelled_(cancelled),
+        summary_{tree_.answered_accuracy(query.options.accuracy), snapshot.final} {}
 
   // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
-  absl::Status TraceRows(v1::HitBatch* reply) {
-    HitColumns columns(query_, rays_.size(), rays_.size(), reply);
-    return ForPieces(kPieceRays, [&](size_t first, std::span<const Ray> rays) {
+  absl::StatusOr<grpc::Slice> TraceRows() {
+    HitColumns columns(query_, rays_.size(), rays_.size(), summary_);
+    absl::Status status = ForPieces(PieceRays(), [&](size_t first, std::span<const Ray> rays) {
       switch (query_.kind) {
         case v1::QUERY_KIND_ANY_HIT: {
-          std::array<uint8_t, kPieceRays> any;
+          std::array<uint8_t, kMaxPieceRays> any;
           tree_.AnyHits(rays, query_.options, std::span(any).first(rays.size()));
           columns.WriteAny(first, std::span(any).first(rays.size()));
           break;
         }
         case v1::QUERY_KIND_COUNT_HITS: {
-          std::array<uint32_t, kPieceRays> counts;
+          std::array<uint32_t, kMaxPieceRays> counts;
           tree_.CountHits(rays, query_.options, std::span(counts).first(rays.size()));
           columns.WriteCounts(first, std::span(counts).first(rays.size()));
           break;
         }
         default: {
-          std::array<Hit, kPieceRays> hits;
+          std::array<Hit, kMaxPieceRays> hits;
           tree_.ClosestHits(rays, query_.options, std::span(hits).first(rays.size()));
           columns.WriteHits(first, std::span(hits).first(rays.size()), mesh_);
         }
       }
       return absl::OkStatus();
     });
+    if (!status.ok()) return status;
+    return columns.Take();
   }
 
-  // ALL_HITS: each piece writes columns of its own, which are then put one after the other.
-  absl::Status TraceAllHits(v1::HitBatch* reply) {
-    const size_t piece_rays = std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, kPieceRays);
-    std::vector<v1::HitBatch> parts((rays_.size() + piece_rays - 1) / piece_rays);
-    std::string& offsets = *reply->mutable_offsets();
-    offsets.resize((rays_.size() + 1) * sizeof(uint32_t));
+  // ALL_HITS: where the rows of a piece belong is known once all hits are found.
+  absl::StatusOr<grpc::Slice> TraceAllHits() {
+    const size_t piece_rays = std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, PieceRays());
+    std::vector<std::vector<Hit>> hits((rays_.size() + piece_rays - 1) / piece_rays);
+    std::vector<uint32_t> offsets(rays_.size() + 1);
+    std::vector<uint32_t> counts(query_.Wants(v1::HIT_COLUMN_COUNT) ? rays_.size() : 0);
     std::atomic<uint64_t> hits_in_all{0};
     const uint64_t max_hits = MaxHits();
-
     absl::Status status = ForPieces(piece_rays, [&](size_t first, std::span<const Ray> rays) -> absl::Status {
-      std::vector<Hit> hits;
-      std::array<uint32_t, kPieceRays> counts;
-      tree_.AllHits(rays, query_.options, &hits, std::span(counts).first(rays.size()));
-      if (hits_in_all.fetch_add(hits.size(), std::memory_order_relaxed) + hits.size() > max_hits) {
+      std::vector<Hit>& found = hits[first / piece_rays];
+      // For now the number of hits of each ray; their sums follow below.
+      const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
+      tree_.AllHits(rays, query_.options, &found, rows);
+      if (hits_in_all.fetch_add(found.size(), std::memory_order_relaxed) + found.size() > max_hits) {
         return ReplyTooLarge(limits_.max_message_bytes);
       }
-      HitColumns columns(query_, rays.size(), hits.size(), &parts[first / piece_rays]);
-      columns.WriteHits(0, hits, mesh_);
-      // For now the number of hits of each ray; their sums follow below.
-      std::memcpy(offsets.data() + (first + 1) * sizeof(uint32_t), counts.data(), rays.size() * sizeof(uint32_t));
-      if (query_.Wants(v1::HIT_COLUMN_COUNT)) {
-        CountBeyondCap(rays, std::span(counts).first(rays.size()));
-        columns.WriteCounts(0, std::span(counts).first(rays.size()));
+      if (!counts.empty()) {
+        const std::span<uint32_t> piece_counts = std::span(counts).subspan(first, rays.size());
+        std::copy(rows.begin(), rows.end(), piece_counts.begin());
+        CountBeyondCap(rays, piece_counts);
       }
       return absl::OkStatus();
     });
     if (!status.ok()) return status;
 
-    uint32_t sum = 0;
-    for (size_t i = 0; i <= rays_.size(); ++i) {
-      char* const entry = offsets.data() + i * sizeof(uint32_t);
-      uint32_t count;
-      std::memcpy(&count, entry, sizeof(count));
-      sum += count;
-      std::memcpy(entry, &sum, sizeof(sum));
-    }
-    for (v1::HitBatch& part : parts) {
-      AppendColumns(part, reply);
-      part.Clear();
-    }
-    return absl::OkStatus();
+    std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
+    HitColumns columns(query_, rays_.size(), offsets.back(), summary_);
+    columns.WriteOffsets(offsets);
+    columns.WriteCounts(0, counts);
+    Tracer::ForPieces(hits.size(), 1, [&](size_t piece, size_t) {
+      columns.WriteHits(offsets[piece * piece_rays], hits[piece], mesh_);
+    });
+    return columns.Take();
   }
 
  private:
@@ -147,7 +144,7 @@ class Answering {
       if (!failure.Matters(first)) return;
       absl::Status status = CatchExceptions([&]() -> absl::Status {
         if (cancelled_()) return absl::CancelledError("cancelled");
-        std::array<Ray, kPieceRays> rays;
+        std::array<Ray, kMaxPieceRays> rays;
         const auto piece = std::span(rays).first(last - first);
         if (absl::Status decoded = rays_.Decode(first, piece); !decoded.ok()) return decoded;
         return trace(first, std::span<const Ray>(piece));
@@ -155,6 +152,11 @@ class Answering {
       if (!status.ok()) failure.Note(first, std::move(status));
     });
     return failure.status();
+  }
+
+  // Rays of a piece: all cores have work from the start, and end at about the same time.
+  size_t PieceRays() const {
+    return std::clamp(rays_.size() / (kPiecesPerCore * Tracer::Concurrency()), kMinPieceRays, kMaxPieceRays);
   }
 
   // Most rows that the reply can hold: by its bytes, and by the offsets, which are uint32.
@@ -178,6 +180,7 @@ class Answering {
   const RayBatchView& rays_;
   const BatchLimits& limits_;
   const std::function<bool()>& cancelled_;
+  const HitColumns::Summary summary_;
 };
 
 }  // namespace
@@ -188,24 +191,16 @@ bool IsSmall(const BatchQuery& query, size_t bytes) {
          bytes <= kSmallBatchRays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
 }
 
-absl::StatusOr<v1::HitBatch> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
-                                         const v1::RayBatch& batch, const BatchLimits& limits,
-                                         const std::function<bool()>& cancelled) {
+absl::StatusOr<grpc::Slice> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+                                        const RayBatchBytes& batch, const BatchLimits& limits,
+                                        const std::function<bool()>& cancelled) {
   absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, snapshot.mesh->origin, limits.max_rays);
   if (!rays.ok()) return rays.status();
   if (rays->size() * BytesPerRay(query) + kOverheadBytes > limits.max_message_bytes) {
     return ReplyTooLarge(limits.max_message_bytes);
   }
-
-  v1::HitBatch reply;
-  reply.set_ray_count(static_cast<uint32_t>(rays->size()));
-  reply.set_accuracy(static_cast<v1::AccuracyLevel>(snapshot.tree->answered_accuracy(query.options.accuracy)));
-  reply.set_final_tree(snapshot.final);
   Answering answering(snapshot, query, *rays, limits, cancelled);
-  const absl::Status status =
-      query.kind == v1::QUERY_KIND_ALL_HITS ? answering.TraceAllHits(&reply) : answering.TraceRows(&reply);
-  if (!status.ok()) return status;
-  return reply;
+  return query.kind == v1::QUERY_KIND_ALL_HITS ? answering.TraceAllHits() : answering.TraceRows();
 }
 
 }  // namespace deltaray

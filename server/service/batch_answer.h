@@ -7,9 +7,10 @@
 #include <functional>
 
 #include "absl/status/statusor.h"
-#include "deltaray/v1/ray_service.pb.h"
+#include "grpcpp/support/slice.h"
 #include "server/build/build.h"
 #include "server/service/batch_query.h"
+#include "server/service/ray_message.h"
 
 namespace deltaray {
 
@@ -27,9 +28,11 @@ bool IsSmall(const BatchQuery& query, size_t bytes);
 // INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the
 // message limit; replies of a known size are refused before any ray is traced, ALL_HITS as soon as the hits so far are
 // too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece.
-absl::StatusOr<v1::HitBatch> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
-                                         const v1::RayBatch& batch, const BatchLimits& limits,
-                                         const std::function<bool()>& cancelled);
+//
+// Returns the bytes of a v1::HitBatch.
+absl::StatusOr<grpc::Slice> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+                                        const RayBatchBytes& batch, const BatchLimits& limits,
+                                        const std::function<bool()>& cancelled);
 
 }  // namespace deltaray
 

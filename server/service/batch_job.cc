@@ -12,7 +12,7 @@ namespace {
 void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
   BatchJob::Answer answer;
   const absl::Status status = CatchExceptions([&] {
-    absl::StatusOr<v1::HitBatch> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, job.cancelled);
+    absl::StatusOr<grpc::Slice> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, job.cancelled);
     if (!hits.ok()) return hits.status();
     backend.store->NoteAnswer(tree);
     answer = {tree.id, *std::move(hits)};

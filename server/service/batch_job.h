@@ -8,9 +8,10 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "deltaray/v1/ray_service.pb.h"
+#include "grpcpp/support/slice.h"
 #include "server/service/batch_answer.h"
 #include "server/service/batch_query.h"
+#include "server/service/ray_message.h"
 #include "server/service/tracer.h"
 #include "server/store/mesh_store.h"
 
@@ -26,12 +27,12 @@ struct RayBackend {
 struct BatchJob {
   struct Answer {
     std::string mesh_id;
-    v1::HitBatch hits;
+    grpc::Slice hits;  // a v1::HitBatch
   };
 
   std::string mesh;  // id or name
   BatchQuery query;
-  v1::RayBatch rays;
+  RayBatchBytes rays;
   // Whether the answer is not wanted any more. Asked from any thread.
   std::function<bool()> cancelled;
   // Called from any thread, with no lock held; not at all where the server ends first. Must not throw. All calls but

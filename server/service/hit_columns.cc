@@ -2,12 +2,16 @@
 
 #include <bit>
 #include <cstring>
+#include <new>
 #include <string>
 
+#include "google/protobuf/io/coded_stream.h"
 #include "server/service/triangle_normal.h"
 
 namespace deltaray {
 namespace {
+
+using google::protobuf::io::CodedOutputStream;
 
 static_assert(std::endian::native == std::endian::little, "columns are copied to the wire as they are");
 static_assert(sizeof(Vec3f) == 12);
@@ -51,59 +55,78 @@ uint64_t BytesPerRay(const BatchQuery& query) {
   return counts + offsets + (query.kind == v1::QUERY_KIND_ALL_HITS ? 0 : BytesPerHit(query));
 }
 
-HitColumns::HitColumns(const BatchQuery& query, size_t rays, size_t hits, v1::HitBatch* batch) {
-  const auto make = [&query](v1::HitColumn column, size_t rows, std::string* bytes) -> char* {
-    if (!query.Wants(column)) return nullptr;
-    bytes->resize(rows * Width(column));
-    return bytes->data();
-  };
-  t_ = make(v1::HIT_COLUMN_T, hits, batch->mutable_t());
-  primitive_id_ = make(v1::HIT_COLUMN_PRIMITIVE_ID, hits, batch->mutable_primitive_id());
-  face_id_ = make(v1::HIT_COLUMN_FACE_ID, hits, batch->mutable_face_id());
-  group_id_ = make(v1::HIT_COLUMN_GROUP_ID, hits, batch->mutable_group_id());
-  uv_ = make(v1::HIT_COLUMN_UV, hits, batch->mutable_uv());
-  normal_ = make(v1::HIT_COLUMN_NORMAL, hits, batch->mutable_normal());
-  flags_ = make(v1::HIT_COLUMN_FLAGS, hits, batch->mutable_flags());
-  count_ = make(v1::HIT_COLUMN_COUNT, rays, batch->mutable_count());
+HitColumns::HitColumns(const BatchQuery& query, size_t rays, size_t hits, Summary summary) {
+  // The bytes of each column. The numbers of columns are those of the fields; offsets have a field alone.
+  std::array<size_t, kColumns> sizes{};
+  for (int field = v1::HIT_COLUMN_T; field <= v1::HIT_COLUMN_COUNT; ++field) {
+    const auto column = static_cast<v1::HitColumn>(field);
+    if (query.Wants(column)) sizes[field - 1] = (column == v1::HIT_COLUMN_COUNT ? rays : hits) * Width(column);
+  }
+  if (query.kind == v1::QUERY_KIND_ALL_HITS) {
+    sizes[v1::HitBatch::kOffsetsFieldNumber - 1] = (rays + 1) * sizeof(uint32_t);
+  }
+
+  v1::HitBatch rest;
+  rest.set_ray_count(static_cast<uint32_t>(rays));
+  rest.set_accuracy(static_cast<v1::AccuracyLevel>(summary.accuracy));
+  rest.set_final_tree(summary.final_tree);
+  const std::string rest_bytes = rest.SerializeAsString();
+
+  // A tag, which for these fields takes one byte, the length and the bytes. Empty columns are left out, as protobuf
+  // does.
+  size_t total = rest_bytes.size();
+  for (const size_t size : sizes) {
+    if (size != 0) total += 1 + CodedOutputStream::VarintSize64(size) + size;
+  }
+  // Not by gRPC, which ends the program where there is no memory.
+  auto* const bytes = static_cast<char*>(operator new(total));
+  bytes_ = grpc::Slice(bytes, total, [](void* memory) { operator delete(memory); });
+  auto* at = reinterpret_cast<uint8_t*>(bytes);
+  for (int field = 1; field <= kColumns; ++field) {
+    const size_t size = sizes[field - 1];
+    if (size == 0) continue;
+    constexpr int kLengthDelimited = 2;
+    *at++ = static_cast<uint8_t>(field << 3 | kLengthDelimited);
+    at = CodedOutputStream::WriteVarint64ToArray(size, at);
+    columns_[field - 1] = reinterpret_cast<char*>(at);
+    at += size;
+  }
+  std::memcpy(at, rest_bytes.data(), rest_bytes.size());
 }
 
 void HitColumns::WriteHits(size_t first, std::span<const Hit> hits, const TriangleMesh& mesh) {
-  const TrianglesView triangles = mesh.triangles();
-  for (size_t i = 0; i < hits.size(); ++i) {
-    const Hit& hit = hits[i];
-    const size_t row = first + i;
-    if (t_ != nullptr) Put(t_, row, hit.t);
-    if (primitive_id_ != nullptr) Put(primitive_id_, row, hit.primitive);
-    if (face_id_ != nullptr) Put(face_id_, row, hit.IsHit() ? mesh.FaceId(hit.primitive) : kNoPrimitive);
-    if (group_id_ != nullptr) Put(group_id_, row, hit.IsHit() ? mesh.GroupId(hit.primitive) : kNoGroup);
-    if (uv_ != nullptr) {
-      Put(uv_, 2 * row, hit.u);
-      Put(uv_, 2 * row + 1, hit.v);
-    }
-    if (normal_ != nullptr) Put(normal_, row, hit.IsHit() ? GeometricNormal(triangles[hit.primitive]) : Vec3f());
-    if (flags_ != nullptr) {
-      Put(flags_, row, static_cast<uint8_t>(hit.IsHit() ? kFlagHit | (hit.back ? kFlagBack : 0) : 0));
-    }
-  }
+  // Column by column: in each loop nothing is decided but by the hit.
+  const auto write = [&](v1::HitColumn column, const auto& value) {
+    char* const bytes = Column(column);
+    if (bytes == nullptr) return;
+    for (size_t i = 0; i < hits.size(); ++i) Put(bytes, first + i, value(hits[i]));
+  };
+  write(v1::HIT_COLUMN_T, [](const Hit& hit) { return hit.t; });
+  write(v1::HIT_COLUMN_PRIMITIVE_ID, [](const Hit& hit) { return hit.primitive; });
+  write(v1::HIT_COLUMN_FACE_ID,
+        [&mesh](const Hit& hit) { return hit.IsHit() ? mesh.FaceId(hit.primitive) : kNoPrimitive; });
+  write(v1::HIT_COLUMN_GROUP_ID,
+        [&mesh](const Hit& hit) { return hit.IsHit() ? mesh.GroupId(hit.primitive) : kNoGroup; });
+  write(v1::HIT_COLUMN_UV, [](const Hit& hit) { return std::array<float, 2>{hit.u, hit.v}; });
+  write(v1::HIT_COLUMN_NORMAL, [triangles = mesh.triangles()](const Hit& hit) {
+    return hit.IsHit() ? GeometricNormal(triangles[hit.primitive]) : Vec3f();
+  });
+  write(v1::HIT_COLUMN_FLAGS,
+        [](const Hit& hit) { return static_cast<uint8_t>(hit.IsHit() ? kFlagHit | (hit.back ? kFlagBack : 0) : 0); });
 }
 
 void HitColumns::WriteAny(size_t first, std::span<const uint8_t> any) {
-  for (size_t i = 0; i < any.size(); ++i) Put(flags_, first + i, any[i] != 0 ? kFlagHit : uint8_t{0});
+  char* const flags = Column(v1::HIT_COLUMN_FLAGS);
+  for (size_t i = 0; i < any.size(); ++i) Put(flags, first + i, any[i] != 0 ? kFlagHit : uint8_t{0});
 }
 
 void HitColumns::WriteCounts(size_t first, std::span<const uint32_t> counts) {
-  if (count_ != nullptr) std::memcpy(count_ + first * sizeof(uint32_t), counts.data(), counts.size_bytes());
+  char* const bytes = Column(v1::HIT_COLUMN_COUNT);
+  if (bytes != nullptr) std::memcpy(bytes + first * sizeof(uint32_t), counts.data(), counts.size_bytes());
 }
 
-void AppendColumns(const v1::HitBatch& part, v1::HitBatch* whole) {
-  whole->mutable_t()->append(part.t());
-  whole->mutable_primitive_id()->append(part.primitive_id());
-  whole->mutable_face_id()->append(part.face_id());
-  whole->mutable_group_id()->append(part.group_id());
-  whole->mutable_uv()->append(part.uv());
-  whole->mutable_normal()->append(part.normal());
-  whole->mutable_flags()->append(part.flags());
-  whole->mutable_count()->append(part.count());
+void HitColumns::WriteOffsets(std::span<const uint32_t> offsets) {
+  std::memcpy(Column(v1::HitBatch::kOffsetsFieldNumber), offsets.data(), offsets.size_bytes());
 }
 
 }  // namespace deltaray

@@ -1,8 +1,11 @@
 #include "server/service/message_bytes.h"
 
 #include <new>
+#include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "google/protobuf/io/coded_stream.h"
 #include "grpcpp/impl/codegen/proto_utils.h"
 
 namespace deltaray {
@@ -23,6 +26,18 @@ grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message) 
   const grpc::Status status = Traits::Serialize(message, &bytes, &own);
   if (!status.ok()) throw std::bad_alloc();
   return bytes;
+}
+
+grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message, int number, grpc::Slice value) {
+  // Fields may stand in any order, those of `message` first, and the value, which may be large, shares its memory.
+  std::string before = message.SerializeAsString();
+  constexpr int kLengthDelimited = 2;
+  before.push_back(static_cast<char>(number << 3 | kLengthDelimited));
+  uint8_t length[10];
+  uint8_t* const end = google::protobuf::io::CodedOutputStream::WriteVarint64ToArray(value.size(), length);
+  before.insert(before.end(), length, end);
+  const grpc::Slice slices[] = {grpc::Slice(before), std::move(value)};
+  return {slices, 2};
 }
 
 }  // namespace deltaray

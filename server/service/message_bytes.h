@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "google/protobuf/message_lite.h"
 #include "grpcpp/support/byte_buffer.h"
+#include "grpcpp/support/slice.h"
 
 namespace deltaray {
 
@@ -17,6 +18,9 @@ absl::Status ParseMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite*
 
 // REQUIRES: the message takes less than 2 GiB.
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message);
+
+// The message that has all fields of `message`, and `value`, a message in its bytes, as its field `number`, below 16.
+grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message, int number, grpc::Slice value);
 
 }  // namespace deltaray
 

@@ -2,6 +2,7 @@
 
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <limits>
 #include <string>
@@ -35,29 +36,58 @@ absl::Status Fault(size_t index, const Scalar* sent, int numbers, const Ray& ray
   return fault("direction", "is too short for float32, in which it is zero");
 }
 
+// Whether only rounding made a direction zero.
+bool IsTooShort(double x, double y, double z, Vec3f rounded) {
+  return rounded == Vec3f() && (x != 0 || y != 0 || z != 0);
+}
+
+// Tells by a few operations a ray whether its numbers are what they must be, so that it need not be told for each one
+// of them: the bits of a number without its sign, as an integer, grow with its magnitude, and those of infinity are
+// below those of any NaN.
+class NumberCheck {
+ public:
+  void Add(const Ray& ray) {
+    static_assert(offsetof(Ray, t_min) == 12 && offsetof(Ray, direction) == 16 && offsetof(Ray, t_max) == 28);
+    int32_t bits[kNumbers];
+    std::memcpy(bits, &ray, sizeof(bits));
+    for (size_t i = 0; i < kNumbers; ++i) wrong_[i] |= kLargest[i] - (bits[i] & 0x7FFFFFFF);
+  }
+
+  // Whether in all rays added origin and direction are finite and no end of the interval is NaN.
+  bool good() const {
+    int32_t wrong = 0;
+    for (const int32_t w : wrong_) wrong |= w;
+    return wrong >= 0;
+  }
+
+ private:
+  static constexpr size_t kNumbers = 8;
+  static constexpr int32_t kMax = 0x7F7FFFFF, kInfinity = 0x7F800000;
+  static constexpr int32_t kLargest[kNumbers] = {kMax, kMax, kMax, kInfinity, kMax, kMax, kMax, kInfinity};
+  int32_t wrong_[kNumbers] = {};  // negative: some number was larger than kLargest
+};
+
 }  // namespace
 
-absl::StatusOr<RayBatchView> RayBatchView::Make(const v1::RayBatch& batch, const BatchQuery& query, Vec3d mesh_origin,
+absl::StatusOr<RayBatchView> RayBatchView::Make(const RayBatchBytes& batch, const BatchQuery& query, Vec3d mesh_origin,
                                                 uint32_t max_rays) {
-  RayBatchView view;
+  RayBatchView view(&batch);
   const size_t ray_bytes = query.RayBytes();
-  if (batch.rays().size() % ray_bytes != 0) {
-    return absl::InvalidArgumentError(absl::StrCat("rays.rays: ", batch.rays().size(), " bytes are not a multiple of ",
+  if (batch.rays.size % ray_bytes != 0) {
+    return absl::InvalidArgumentError(absl::StrCat("rays.rays: ", batch.rays.size, " bytes are not a multiple of ",
                                                    ray_bytes, ", the bytes of a ray in ",
                                                    v1::RayLayout_Name(query.layout)));
   }
-  view.size_ = batch.rays().size() / ray_bytes;
+  view.size_ = batch.rays.size / ray_bytes;
   if (view.size_ > max_rays) {
     return absl::ResourceExhaustedError(
         absl::StrCat("rays.rays: ", view.size_, " rays are over the limit of ", max_rays, " rays a batch"));
   }
-  const std::string& excluded = batch.excluded_primitive_ids();
-  if (!excluded.empty() && excluded.size() != view.size_ * sizeof(uint32_t)) {
-    return absl::InvalidArgumentError(absl::StrCat("rays.excluded_primitive_ids: ", excluded.size(), " bytes, not ",
+  const size_t excluded = batch.excluded_primitive_ids.size;
+  if (excluded != 0 && excluded != view.size_ * sizeof(uint32_t)) {
+    return absl::InvalidArgumentError(absl::StrCat("rays.excluded_primitive_ids: ", excluded, " bytes, not ",
                                                    view.size_ * sizeof(uint32_t), " for ", view.size_, " rays"));
   }
-  view.rays_ = batch.rays().data();
-  view.excluded_ = excluded.empty() ? nullptr : excluded.data();
   view.layout_ = query.layout;
   view.t_min_ = query.t_min;
   view.t_max_ = query.t_max;
@@ -66,44 +96,65 @@ absl::StatusOr<RayBatchView> RayBatchView::Make(const v1::RayBatch& batch, const
 }
 
 absl::Status RayBatchView::Decode(size_t first, std::span<Ray> rays) const {
+  const bool move = mesh_origin_ != Vec3d();
   switch (layout_) {
     case v1::RAY_LAYOUT_FLOAT32X8:
-      return DecodeAs<float, true>(first, rays);
+      return move ? DecodeAs<float, true, true>(first, rays) : DecodeAs<float, true, false>(first, rays);
     case v1::RAY_LAYOUT_FLOAT64X6:
-      return DecodeAs<double, false>(first, rays);
+      return DecodeAs<double, false, true>(first, rays);
     case v1::RAY_LAYOUT_FLOAT64X8:
-      return DecodeAs<double, true>(first, rays);
+      return DecodeAs<double, true, true>(first, rays);
     default:
-      return DecodeAs<float, false>(first, rays);
+      return move ? DecodeAs<float, false, true>(first, rays) : DecodeAs<float, false, false>(first, rays);
   }
 }
 
-template <typename Scalar, bool kInterval>
+template <typename Scalar, bool kInterval, bool kMove>
 absl::Status RayBatchView::DecodeAs(size_t first, std::span<Ray> rays) const {
   constexpr int kNumbers = kInterval ? 8 : 6;
+  constexpr size_t kRayBytes = kNumbers * sizeof(Scalar);
+  char scratch[kMaxPieceRays * kRayBytes], excluded_scratch[kMaxPieceRays * sizeof(uint32_t)];
+  const char* const bytes =
+      batch_->message.Read(batch_->rays.offset + first * kRayBytes, rays.size() * kRayBytes, scratch);
+  const auto read = [bytes](size_t i, Scalar(&sent)[kNumbers]) { std::memcpy(sent, bytes + i * kRayBytes, kRayBytes); };
+
+  NumberCheck check;
+  bool too_short = false;
   for (size_t i = 0; i < rays.size(); ++i) {
     Scalar sent[kNumbers];
-    std::memcpy(sent, rays_ + (first + i) * sizeof(sent), sizeof(sent));
+    read(i, sent);
     Ray& ray = rays[i];
-    ray = Ray();
-    ray.origin = static_cast<Vec3f>(Vec3d{sent[0], sent[1], sent[2]} - mesh_origin_);
-    ray.direction = static_cast<Vec3f>(Vec3<Scalar>{sent[3], sent[4], sent[5]});
-    bool good = IsFinite(ray.origin) && IsFinite(ray.direction);
-    if constexpr (kInterval) {
-      ray.t_min = static_cast<float>(sent[6]);
-      ray.t_max = static_cast<float>(sent[7]);
-      good = good && !std::isnan(ray.t_min) && !std::isnan(ray.t_max);
+    if constexpr (kMove) {
+      ray.origin = static_cast<Vec3f>(Vec3d{sent[0], sent[1], sent[2]} - mesh_origin_);
     } else {
-      ray.t_min = t_min_;
-      ray.t_max = t_max_;
+      ray.origin = {sent[0], sent[1], sent[2]};
     }
+    ray.direction = static_cast<Vec3f>(Vec3<Scalar>{sent[3], sent[4], sent[5]});
+    ray.t_min = kInterval ? static_cast<float>(sent[kNumbers - 2]) : t_min_;
+    ray.t_max = kInterval ? static_cast<float>(sent[kNumbers - 1]) : t_max_;
+    ray.excluded_primitive = kNoPrimitive;
+    check.Add(ray);
     if constexpr (sizeof(Scalar) > sizeof(float)) {
       // A direction that only rounding made zero would turn hits into misses without a word.
-      good = good && (ray.direction != Vec3f() || (sent[3] == 0 && sent[4] == 0 && sent[5] == 0));
+      too_short |= IsTooShort(sent[3], sent[4], sent[5], ray.direction);
     }
-    if (!good) return Fault(first + i, sent, kNumbers, ray);
-    if (excluded_ != nullptr) {
-      std::memcpy(&ray.excluded_primitive, excluded_ + (first + i) * sizeof(uint32_t), sizeof(uint32_t));
+  }
+  if (!check.good() || too_short) {
+    for (size_t i = 0;; ++i) {
+      Scalar sent[kNumbers];
+      read(i, sent);
+      NumberCheck one;
+      one.Add(rays[i]);
+      if (!one.good() || IsTooShort(sent[3], sent[4], sent[5], rays[i].direction)) {
+        return Fault(first + i, sent, kNumbers, rays[i]);
+      }
+    }
+  }
+  if (batch_->excluded_primitive_ids.size != 0) {
+    const char* const excluded = batch_->message.Read(batch_->excluded_primitive_ids.offset + first * sizeof(uint32_t),
+                                                      rays.size() * sizeof(uint32_t), excluded_scratch);
+    for (size_t i = 0; i < rays.size(); ++i) {
+      std::memcpy(&rays[i].excluded_primitive, excluded + i * sizeof(uint32_t), sizeof(uint32_t));
     }
   }
   return absl::OkStatus();

@@ -11,19 +11,23 @@
 #include "absl/status/statusor.h"
 #include "server/geometry/ray.h"
 #include "server/service/batch_query.h"
+#include "server/service/ray_message.h"
 
 namespace deltaray {
 
-// The rays of a v1::RayBatch, turned into the coordinates of the mesh piece by piece, so that the pieces of a batch can
-// be turned by several threads and no second copy of the batch is needed. The bytes need no alignment.
+// The rays of a batch, turned into the coordinates of the mesh piece by piece, so that the pieces of a batch can be
+// turned by several threads and no copy of the batch is needed. The bytes need no alignment. Thread-safe.
 class RayBatchView {
  public:
   // A view of `batch`, which must outlive it. INVALID_ARGUMENT where an array is not a whole number of rays long;
   // RESOURCE_EXHAUSTED for more than `max_rays` rays. Says nothing on the numbers in it: Decode does.
-  static absl::StatusOr<RayBatchView> Make(const v1::RayBatch& batch, const BatchQuery& query, Vec3d mesh_origin,
+  static absl::StatusOr<RayBatchView> Make(const RayBatchBytes& batch, const BatchQuery& query, Vec3d mesh_origin,
                                            uint32_t max_rays);
 
   size_t size() const { return size_; }
+
+  // Most rays that one call of Decode takes.
+  static constexpr size_t kMaxPieceRays = 1024;
 
   // Fills `rays` with the rays from `first` on. The mesh's origin is subtracted from the ray's in float64, and the
   // result rounded once to float32; where it is zero, float32 rays keep their bits. INVALID_ARGUMENT, with the number
@@ -32,13 +36,12 @@ class RayBatchView {
   absl::Status Decode(size_t first, std::span<Ray> rays) const;
 
  private:
-  RayBatchView() = default;
+  explicit RayBatchView(const RayBatchBytes* batch) : batch_(batch) {}
 
-  template <typename Scalar, bool kInterval>
+  template <typename Scalar, bool kInterval, bool kMove>
   absl::Status DecodeAs(size_t first, std::span<Ray> rays) const;
 
-  const char* rays_ = nullptr;
-  const char* excluded_ = nullptr;  // nullptr: none
+  const RayBatchBytes* batch_;
   size_t size_ = 0;
   v1::RayLayout layout_ = v1::RAY_LAYOUT_FLOAT32X6;
   float t_min_ = 0;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "server/service/message_bytes.h"
+#include "server/service/ray_message.h"
 #include "server/service/rpc_status.h"
 #include "server/service/stream_call.h"
 #include "server/service/unary_call.h"
@@ -19,9 +20,8 @@ void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
   const absl::Status status = CatchExceptions([&] {
     if (!answer.ok()) return answer.status();
     v1::CastRaysResponse response;
-    response.mutable_hits()->Swap(&answer->hits);
     response.set_mesh_id(answer->mesh_id);
-    reply = SerializeMessage(response);
+    reply = SerializeMessage(response, v1::CastRaysResponse::kHitsFieldNumber, std::move(answer->hits));
     return absl::OkStatus();
   });
   call.Reply(status, std::move(reply));
@@ -30,16 +30,15 @@ void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
 absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call, grpc::ByteBuffer bytes,
                            bool on_tracer) {
   v1::CastRaysRequest request;
-  if (absl::Status status = ParseMessage(std::move(bytes), &request); !status.ok()) return status;
+  auto job = std::make_shared<BatchJob>();
+  if (absl::Status status = ParseRayMessage(std::move(bytes), &request, &job->rays); !status.ok()) return status;
   absl::StatusOr<BatchQuery> query = ReadQuery(request.query());
   if (!query.ok()) return query.status();
-  auto job = std::make_shared<BatchJob>();
   job->mesh = request.mesh();
   job->query = *query;
-  job->rays.Swap(request.mutable_rays());
   job->cancelled = [call] { return call->cancelled(); };
   job->done = [call](absl::StatusOr<BatchJob::Answer> answer) { ReplyTo(*call, std::move(answer)); };
-  if (on_tracer || IsSmall(*query, job->rays.rays().size())) {
+  if (on_tracer || IsSmall(*query, job->rays.rays.size)) {
     RunBatch(backend, std::move(job));
   } else {
     backend.tracer->Enqueue([backend, job = std::move(job)] { RunBatch(backend, job); });

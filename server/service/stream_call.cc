@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/service/message_bytes.h"
+#include "server/service/ray_message.h"
 
 namespace deltaray {
 namespace {
@@ -167,18 +168,17 @@ void StreamCall::Answer(const BatchPointer& batch) {
   const std::string where = absl::StrCat("batch ", batch->number, ": ");
   const absl::Status status = CatchExceptions([&]() -> absl::Status {
     v1::StreamRaysRequest request;
-    absl::Status parsed = ParseMessage(std::exchange(batch->request, grpc::ByteBuffer()), &request);
+    auto job = std::make_shared<BatchJob>();
+    absl::Status parsed = ParseRayMessage(std::exchange(batch->request, grpc::ByteBuffer()), &request, &job->rays);
     if (!parsed.ok()) return parsed;
     if (!request.has_rays()) {
       return absl::InvalidArgumentError("all messages of the stream but the first one must hold rays");
     }
-    auto job = std::make_shared<BatchJob>();
     {
       MutexLock lock(mutex_);
       job->mesh = target_->mesh_id;
       job->query = target_->query;
     }
-    job->rays.Swap(request.mutable_rays());
     const auto self = weak_self_.lock();
     job->cancelled = [self] { return self->cancelled(); };
     job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {
@@ -187,9 +187,8 @@ void StreamCall::Answer(const BatchPointer& batch) {
         if (!answer.ok()) return answer.status();
         v1::StreamRaysResponse response;
         response.set_batch_number(batch->number);
-        response.mutable_hits()->Swap(&answer->hits);
         response.set_mesh_id(answer->mesh_id);
-        reply = SerializeMessage(response);
+        reply = SerializeMessage(response, v1::StreamRaysResponse::kHitsFieldNumber, std::move(answer->hits));
         return absl::OkStatus();
       });
       self->Complete(batch, Prefix(status, where), std::move(reply));

@@ -57,4 +57,6 @@ void Tracer::ForPieces(size_t size, size_t piece, const std::function<void(size_
       tbb::simple_partitioner());
 }
 
+size_t Tracer::Concurrency() { return static_cast<size_t>(tbb::this_task_arena::max_concurrency()); }
+
 }  // namespace deltaray

@@ -31,6 +31,9 @@ class Tracer {
   // On a thread of the arena the pieces are spread over its threads. Body must not throw.
   static void ForPieces(size_t size, size_t piece, const std::function<void(size_t first, size_t last)>& body);
 
+  // Threads that ForPieces spreads over, on the calling thread.
+  static size_t Concurrency();
+
   uint32_t threads() const { return threads_; }
 
  private:

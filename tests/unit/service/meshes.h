@@ -9,6 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "deltaray/v1/ray_service.pb.h"
+#include "grpcpp/support/slice.h"
+#include "gtest/gtest.h"
 #include "server/build/build.h"
 #include "server/mesh/triangle_mesh.h"
 #include "server/tree/brute_force.h"
@@ -45,6 +48,15 @@ inline std::shared_ptr<const TreeSnapshot> BruteForceSnapshot(TriangleMesh mesh,
   snapshot->tree = {owner, &owner->tree};
   snapshot->final = final;
   return snapshot;
+}
+
+// The message in the bytes of a reply.
+inline v1::HitBatch ToHitBatch(const grpc::Slice& bytes) {
+  v1::HitBatch batch;
+  EXPECT_TRUE(batch.ParseFromArray(bytes.begin(), static_cast<int>(bytes.size())));
+  // Every field in the form and order in which protobuf writes it.
+  EXPECT_EQ(batch.SerializeAsString(), std::string(bytes.begin(), bytes.end()));
+  return batch;
 }
 
 // Numbers as they travel.

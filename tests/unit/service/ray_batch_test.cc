@@ -29,7 +29,8 @@ absl::StatusOr<std::vector<Ray>> Decode(v1::RayLayout layout, const std::string&
   v1::RayBatch batch;
   batch.set_rays(bytes);
   batch.set_excluded_primitive_ids(excluded);
-  absl::StatusOr<RayBatchView> view = RayBatchView::Make(batch, Query(layout), origin, 1000);
+  const RayBatchBytes copy = CopyRayBatch(batch);
+  absl::StatusOr<RayBatchView> view = RayBatchView::Make(copy, Query(layout), origin, 1000);
   if (!view.ok()) return view.status();
   std::vector<Ray> rays(view->size());
   if (absl::Status status = view->Decode(0, rays); !status.ok()) return status;
@@ -132,16 +133,16 @@ TEST(RayBatchTest, ArraysOfTheWrongLengthAreRefused) {
   v1::RayBatch batch;
   batch.set_rays(std::string(48, 0));
   batch.set_excluded_primitive_ids(std::string(4, 0));
-  const auto view = RayBatchView::Make(batch, Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000);
+  const auto view = RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000);
   EXPECT_EQ(view.status(), absl::InvalidArgumentError("rays.excluded_primitive_ids: 4 bytes, not 8 for 2 rays"));
 }
 
 TEST(RayBatchTest, MoreRaysThanTheLimitAreRefused) {
   v1::RayBatch batch;
   batch.set_rays(std::string(24 * 1000, 0));
-  EXPECT_TRUE(RayBatchView::Make(batch, Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).ok());
+  EXPECT_TRUE(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).ok());
   batch.set_rays(std::string(24 * 1001, 0));
-  EXPECT_EQ(RayBatchView::Make(batch, Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).status(),
+  EXPECT_EQ(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).status(),
             absl::ResourceExhaustedError("rays.rays: 1001 rays are over the limit of 1000 rays a batch"));
 }
 

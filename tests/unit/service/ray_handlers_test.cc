@@ -103,10 +103,11 @@ TEST_F(RayHandlersTest, CastsAllKindsAsBruteForceDoes) {
       ASSERT_TRUE(status.ok()) << status.error_message();
       EXPECT_EQ(response.mesh_id(), id);
       EXPECT_TRUE(response.hits().final_tree());
-      const auto expected =
-          AnswerBatch(*BruteForceSnapshot(Squares(10)), *ReadQuery(request.query()), batch, {}, [] { return false; });
+      const auto expected = AnswerBatch(*BruteForceSnapshot(Squares(10)), *ReadQuery(request.query()),
+                                        CopyRayBatch(batch), {}, [] { return false; });
       ASSERT_TRUE(expected.ok()) << expected.status();
-      ASSERT_EQ(response.hits().SerializeAsString(), expected->SerializeAsString()) << count << " of kind " << kind;
+      ASSERT_EQ(response.hits().SerializeAsString(), ToHitBatch(*expected).SerializeAsString())
+          << count << " of kind " << kind;
     }
   }
 }
@@ -311,7 +312,7 @@ TEST_F(RayHandlersTest, ACancelledStreamSoonStopsTracing) {
   grpc::ClientContext context;
   auto stream = rays_->StreamRays(&context);
   stream->Write(StartMessage("squares"));
-  stream->Write(RaysMessage(Downwards(1'000'000)));  // 2000 pieces, 5 s on two threads
+  stream->Write(RaysMessage(Downwards(1'000'000)));  // about 1000 pieces, 2.5 s on two threads
   ASSERT_TRUE(Eventually([&] { return pieces > 3; }));
   context.TryCancel();
   EXPECT_EQ(stream->Finish().error_code(), StatusCode::CANCELLED);
@@ -319,7 +320,7 @@ TEST_F(RayHandlersTest, ACancelledStreamSoonStopsTracing) {
   const int after = pieces;
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   EXPECT_EQ(pieces, after);
-  EXPECT_LT(after, 1000);
+  EXPECT_LT(after, 500);
 }
 
 TEST_F(RayHandlersTest, SurvivesClientsThatGoAtAnyMoment) {
