@@ -1,12 +1,12 @@
 #include "server/service/batch_answer.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <numeric>
 #include <utility>
 #include <vector>
 
+#include "absl/container/fixed_array.h"
 #include "absl/strings/str_cat.h"
 #include "server/build/mutex.h"
 #include "server/service/hit_columns.h"
@@ -23,6 +23,9 @@ constexpr size_t kMinPieceRays = 256;
 constexpr size_t kMaxPieceRays = RayBatchView::kMaxPieceRays;
 // Pieces for each core, where a batch has rays for that many.
 constexpr size_t kPiecesPerCore = 4;
+// An array for a piece, on the stack, of which no more is set up than the piece needs.
+template <typename T>
+using Piece = absl::FixedArray<T, kMaxPieceRays>;
 // A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
 constexpr size_t kPieceHits = size_t{1} << 20;
 constexpr size_t kSmallBatchRays = 256;
@@ -77,21 +80,21 @@ class Answering {
     absl::Status status = ForPieces(PieceRays(), [&](size_t first, std::span<const Ray> rays) {
       switch (query_.kind) {
         case v1::QUERY_KIND_ANY_HIT: {
-          std::array<uint8_t, kMaxPieceRays> any;
-          tree_.AnyHits(rays, query_.options, std::span(any).first(rays.size()));
-          columns.WriteAny(first, std::span(any).first(rays.size()));
+          Piece<uint8_t> any(rays.size());
+          tree_.AnyHits(rays, query_.options, any);
+          columns.WriteAny(first, any);
           break;
         }
         case v1::QUERY_KIND_COUNT_HITS: {
-          std::array<uint32_t, kMaxPieceRays> counts;
-          tree_.CountHits(rays, query_.options, std::span(counts).first(rays.size()));
-          columns.WriteCounts(first, std::span(counts).first(rays.size()));
+          Piece<uint32_t> counts(rays.size());
+          tree_.CountHits(rays, query_.options, counts);
+          columns.WriteCounts(first, counts);
           break;
         }
         default: {
-          std::array<Hit, kMaxPieceRays> hits;
-          tree_.ClosestHits(rays, query_.options, std::span(hits).first(rays.size()));
-          columns.WriteHits(first, std::span(hits).first(rays.size()), mesh_);
+          Piece<Hit> hits(rays.size());
+          tree_.ClosestHits(rays, query_.options, hits);
+          columns.WriteHits(first, hits, mesh_);
         }
       }
       return absl::OkStatus();
@@ -144,10 +147,9 @@ class Answering {
       if (!failure.Matters(first)) return;
       absl::Status status = CatchExceptions([&]() -> absl::Status {
         if (cancelled_()) return absl::CancelledError("cancelled");
-        std::array<Ray, kMaxPieceRays> rays;
-        const auto piece = std::span(rays).first(last - first);
-        if (absl::Status decoded = rays_.Decode(first, piece); !decoded.ok()) return decoded;
-        return trace(first, std::span<const Ray>(piece));
+        Piece<Ray> rays(last - first);
+        if (absl::Status decoded = rays_.Decode(first, rays); !decoded.ok()) return decoded;
+        return trace(first, std::span<const Ray>(rays));
       });
       if (!status.ok()) failure.Note(first, std::move(status));
     });
