@@ -1,18 +1,14 @@
 #include "tests/bench/kernel_bench.h"
 
-#include <algorithm>
 #include <array>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <span>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "tests/bench/embree.h"
 #include "tests/bench/kernel.h"
-#include "tests/bench/kernel_run.h"
+#include "tests/bench/kernel_race.h"
 #include "tests/bench/kernel_table.h"
 #include "tests/bench/measure.h"
 #include "tests/bench/ray_sets.h"
@@ -20,24 +16,10 @@
 namespace deltaray {
 namespace {
 
-// Float arithmetic loses some digits of t on triangles seen at a grazing angle, and all of them, which is to say the
-// hit, on few rays that meet an edge.
-constexpr float kTolerance = 1e-3f;
-constexpr double kMaxDisagreementsPerMillion = 300;
-constexpr size_t kWarmUpRays = 1 << 16;
-
 constexpr std::array<std::pair<std::string_view, Traversal>, 4> kModes = {{{"single", Traversal::kSingle},
                                                                            {"batch", Traversal::kBatch},
                                                                            {"packet", Traversal::kPacket},
                                                                            {"auto", Traversal::kAuto}}};
-
-// One line of the CSV file while it is measured.
-struct Entry {
-  KernelRow row;
-  std::shared_ptr<const Kernel> kernel;
-  Samples mrays_s;
-  size_t disagreements = 0;  // of the round with most
-};
 
 // A scene with all that is compared on it.
 struct Contestants {
@@ -63,29 +45,20 @@ absl::StatusOr<Contestants> BuildAll(const Scene& scene, const KernelBenchOption
   return contestants;
 }
 
-absl::StatusOr<AccuracyLevel> ParseLevel(std::string_view name) {
-  if (name == "fast") return AccuracyLevel::kFast;
-  if (name == "watertight") return AccuracyLevel::kWatertight;
-  if (name == "exact") return AccuracyLevel::kExact;
-  return absl::InvalidArgumentError(
-      absl::StrCat("no level '", std::string(name), "'; there are fast, watertight, exact"));
-}
-
-absl::StatusOr<std::vector<Entry>> MakeEntries(const Contestants& contestants, const RaySet& set,
-                                               const KernelBenchOptions& options) {
-  std::vector<Entry> entries;
+absl::StatusOr<std::vector<Racer>> MakeRacers(const Contestants& contestants, const RaySet& set,
+                                              const KernelBenchOptions& options) {
+  std::vector<Racer> racers;
   const auto add = [&](std::string_view engine, std::string_view mode, std::string_view level,
                        std::unique_ptr<Kernel> kernel) {
     const std::shared_ptr<const Kernel> shared = std::move(kernel);
     for (const uint32_t threads : options.threads) {
-      entries.push_back({.row = {.scene = contestants.scene->name,
-                                 .rays = set.name,
-                                 .engine = std::string(engine),
-                                 .mode = std::string(mode),
-                                 .level = std::string(level),
-                                 .threads = threads},
-                         .kernel = shared,
-                         .mrays_s = {}});
+      racers.push_back({.row = {.scene = contestants.scene->name,
+                                .rays = set.name,
+                                .engine = std::string(engine),
+                                .mode = std::string(mode),
+                                .level = std::string(level),
+                                .threads = threads},
+                        .kernel = shared});
     }
   };
   for (const std::string& name : options.levels) {
@@ -108,44 +81,7 @@ absl::StatusOr<std::vector<Entry>> MakeEntries(const Contestants& contestants, c
       add("embree", mode, robust ? "robust" : "fast", embree->MakeKernel(mode, set.question));
     }
   }
-  return entries;
-}
-
-// Measures all entries on one set of rays and adds their rows.
-absl::Status Measure(const Contestants& contestants, const RaySet& set, const KernelBenchOptions& options,
-                     std::vector<KernelRow>* rows) {
-  absl::StatusOr<std::vector<Entry>> entries = MakeEntries(contestants, set, options);
-  if (!entries.ok()) return entries.status();
-  if (set.rays.empty()) return absl::OkStatus();
-
-  std::vector<float> expected(set.rays.size()), t(set.rays.size());
-  TraceAll(*MakeDeltarayKernel(*contestants.ours.snapshot->tree, {}, set.question), set.rays, 1, options.chunk,
-           expected);
-  absl::Status status = Interleave(entries->size(), options.rounds, [&](size_t i) {
-    Entry& entry = (*entries)[i];
-    // Each pass finds the caches as its own engine leaves them.
-    const size_t warm_up = std::min(kWarmUpRays, set.rays.size());
-    TraceAll(*entry.kernel, std::span(set.rays).first(warm_up), entry.row.threads, options.chunk,
-             std::span(t).first(warm_up));
-    const double seconds = TraceAll(*entry.kernel, set.rays, entry.row.threads, options.chunk, t);
-    entry.mrays_s.Add(MegaraysPerSecond(set.rays.size(), entry.row.threads, seconds));
-    const bool exact = entry.row.level == "exact";
-    entry.disagreements = std::max(entry.disagreements, CountDisagreements(t, expected, exact ? 0 : kTolerance));
-    const double allowed = exact ? 0 : 1e-6 * kMaxDisagreementsPerMillion * static_cast<double>(t.size());
-    if (static_cast<double>(entry.disagreements) <= allowed) return absl::OkStatus();
-    return absl::InternalError(absl::StrFormat("%s %s: %d of %d answers of %s %s %s are not those of the exact level",
-                                               entry.row.scene, set.name, entry.disagreements, t.size(),
-                                               entry.row.engine, entry.row.mode, entry.row.level));
-  });
-  if (!status.ok()) return status;
-
-  for (Entry& entry : *entries) {
-    entry.row.mrays_s = entry.mrays_s.median();
-    entry.row.spread = entry.mrays_s.spread();
-    std::cerr << ToCsv(entry.row) << "  (" << entry.disagreements << " of " << t.size() << " rays disagree)\n";
-    rows->push_back(entry.row);
-  }
-  return absl::OkStatus();
+  return racers;
 }
 
 }  // namespace
@@ -162,7 +98,11 @@ absl::Status RunKernelBench(const KernelBenchOptions& options) {
     for (const std::string& name : options.rays) {
       const absl::StatusOr<RaySet> set = MakeRaySet(name, *scene.mesh, *contestants->ours.snapshot->tree, options.size);
       if (!set.ok()) return set.status();
-      if (absl::Status status = Measure(*contestants, *set, options, &rows); !status.ok()) return status;
+      absl::StatusOr<std::vector<Racer>> racers = MakeRacers(*contestants, *set, options);
+      if (!racers.ok()) return racers.status();
+      absl::Status status = Race(*set, *contestants->ours.snapshot->tree, {options.chunk, options.rounds}, &*racers);
+      if (!status.ok()) return status;
+      for (Racer& racer : *racers) rows.push_back(std::move(racer.row));
     }
   }
 

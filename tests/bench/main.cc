@@ -6,6 +6,7 @@
 #include "tests/bench/build_bench.h"
 #include "tests/bench/kernel_bench.h"
 #include "tests/bench/paper_bench.h"
+#include "tests/bench/scale_bench.h"
 #include "tests/bench/service_bench.h"
 
 int main(int argc, char** argv) {
@@ -79,9 +80,30 @@ int main(int argc, char** argv) {
   service->add_option("--server", service_options.server, "deltarayd; empty: the one beside this program");
   service->add_option("--csv", service_options.csv, "File to write; - is standard output");
 
+  deltaray::ScaleBenchOptions scale_options;
+  scale_options.scenes = {"terrain", "soup"};
+  scale_options.triangles = {10'000, 30'000, 100'000, 300'000, 1'000'000, 3'000'000, 10'000'000};
+  scale_options.rays = {"bounce", "chords"};
+  scale_options.levels = {"watertight", "exact"};
+  scale_options.preset = "balanced";
+  scale_options.csv = "-";
+  CLI::App* const scale = app.add_subcommand("scale", "Building and tracing against the number of triangles.");
+  scale->add_option("--scenes", scale_options.scenes, "terrain, soup");
+  scale->add_option("--triangles", scale_options.triangles, "Sizes")->check(CLI::Range(2, 100'000'000));
+  scale->add_option("--rays", scale_options.rays, "camera, bounce, chords, shadow");
+  scale->add_option("--levels", scale_options.levels, "fast, watertight, exact");
+  scale->add_option("--preset", scale_options.preset, "Of our tree: fast, balanced, best");
+  scale->add_option("--threads", scale_options.threads, "Threads to build with; 0: all cores");
+  scale->add_option("--size", scale_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
+  scale->add_option("--build-rounds", scale_options.build_rounds, "Builds to take the median of")
+      ->check(CLI::Range(1, 1000));
+  scale->add_option("--rounds", scale_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
+  scale->add_option("--csv", scale_options.csv, "File to write; - is standard output");
+
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = build->parsed()     ? deltaray::RunBuildBench(build_options)
                               : kernel->parsed()  ? deltaray::RunKernelBench(kernel_options)
+                              : scale->parsed()   ? deltaray::RunScaleBench(scale_options)
                               : service->parsed() ? deltaray::RunServiceBench(service_options)
                                                   : deltaray::RunPaperBench(paper_options);
   if (status.ok()) return 0;

@@ -20,6 +20,8 @@ constexpr std::array<std::pair<std::string_view, Builder>, 5> kEngines = {{{"hyb
                                                                            {"bvh", Builder::kBvh},
                                                                            {"sbvh", Builder::kSbvh},
                                                                            {"tang2015", Builder::kTang2015}}};
+constexpr std::array<std::pair<std::string_view, AccuracyLevel>, 3> kLevels = {
+    {{"fast", AccuracyLevel::kFast}, {"watertight", AccuracyLevel::kWatertight}, {"exact", AccuracyLevel::kExact}}};
 constexpr std::array<std::pair<std::string_view, Preset>, 3> kPresets = {
     {{"fast", Preset::kFast}, {"balanced", Preset::kBalanced}, {"best", Preset::kBest}}};
 
@@ -51,6 +53,7 @@ std::string_view EngineName(Builder builder) { return NameOf(kEngines, builder);
 std::string_view PresetName(Preset preset) { return NameOf(kPresets, preset); }
 absl::StatusOr<Builder> ParseEngine(std::string_view name) { return Parse(kEngines, "engine", name); }
 absl::StatusOr<Preset> ParsePreset(std::string_view name) { return Parse(kPresets, "preset", name); }
+absl::StatusOr<AccuracyLevel> ParseLevel(std::string_view name) { return Parse(kLevels, "level", name); }
 
 absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name) {
   static constexpr std::array<std::pair<std::string_view, std::optional<SimdTarget>>, 4> kTargets = {

@@ -43,6 +43,8 @@ struct FinishedBuild {
 absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
                                         uint32_t threads, std::optional<SimdTarget> simd_target = std::nullopt);
 
+absl::StatusOr<AccuracyLevel> ParseLevel(std::string_view name);  // fast, watertight, exact
+
 // "best" (nothing), "sse4", "avx2" or "avx512".
 absl::StatusOr<std::optional<SimdTarget>> ParseSimdTarget(std::string_view name);
 
