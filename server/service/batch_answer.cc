@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
+#include <new>
 #include <numeric>
+#include <span>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "absl/container/fixed_array.h"
 #include "absl/strings/str_cat.h"
 #include "server/build/mutex.h"
 #include "server/service/hit_columns.h"
@@ -23,14 +26,27 @@ constexpr size_t kMinPieceRays = 256;
 constexpr size_t kMaxPieceRays = RayBatchView::kMaxPieceRays;
 // Pieces for each core, where a batch has rays for that many.
 constexpr size_t kPiecesPerCore = 4;
-// An array for a piece, on the stack, of which no more is set up than the piece needs.
-template <typename T>
-using Piece = absl::FixedArray<T, kMaxPieceRays>;
 // A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
 constexpr size_t kPieceHits = size_t{1} << 20;
 constexpr size_t kSmallBatchRays = 256;
 // Bytes of a request or reply besides its arrays, at most: ids, numbers, tags and lengths.
 constexpr uint64_t kOverheadBytes = 512;
+
+// Room on the stack for what a piece has of `T`, as many as its rays, each of which is written before it is read: the
+// defaults of 1024 rays would be 36 KB to write, for a call of one ray too.
+template <typename T>
+class PieceArray {
+ public:
+  static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
+
+  explicit PieceArray(size_t size) : size_(size) {}
+  operator std::span<T>() { return {std::launder(reinterpret_cast<T*>(bytes_)), size_}; }
+  operator std::span<const T>() { return std::span<T>(*this); }
+
+ private:
+  const size_t size_;
+  alignas(T) std::byte bytes_[kMaxPieceRays * sizeof(T)];
+};
 
 // The first failure by index of ray, of pieces that fail in any order.
 class FirstFailure {
@@ -80,19 +96,19 @@ class Answering {
     absl::Status status = ForPieces(PieceRays(), [&](size_t first, std::span<const Ray> rays) {
       switch (query_.kind) {
         case v1::QUERY_KIND_ANY_HIT: {
-          Piece<uint8_t> any(rays.size());
+          PieceArray<uint8_t> any(rays.size());
           tree_.AnyHits(rays, query_.options, any);
           columns.WriteAny(first, any);
           break;
         }
         case v1::QUERY_KIND_COUNT_HITS: {
-          Piece<uint32_t> counts(rays.size());
+          PieceArray<uint32_t> counts(rays.size());
           tree_.CountHits(rays, query_.options, counts);
           columns.WriteCounts(first, counts);
           break;
         }
         default: {
-          Piece<Hit> hits(rays.size());
+          PieceArray<Hit> hits(rays.size());
           tree_.ClosestHits(rays, query_.options, hits);
           columns.WriteHits(first, hits, mesh_);
         }
@@ -147,7 +163,7 @@ class Answering {
       if (!failure.Matters(first)) return;
       absl::Status status = CatchExceptions([&]() -> absl::Status {
         if (cancelled_()) return absl::CancelledError("cancelled");
-        Piece<Ray> rays(last - first);
+        PieceArray<Ray> rays(last - first);
         if (absl::Status decoded = rays_.Decode(first, rays); !decoded.ok()) return decoded;
         return trace(first, std::span<const Ray>(rays));
       });
