@@ -1,7 +1,9 @@
 #include "tests/bench/scale_bench.h"
 
+#include <algorithm>
 #include <cmath>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <utility>
 
@@ -47,9 +49,25 @@ struct Built {
   }
 };
 
+// By set of rays and level: how many times as fast as the better of Embree's calls we are, from size to size. Where it
+// does not fall, we slow down no faster than Embree as triangles grow.
+using Ratios = std::map<std::pair<std::string, std::string>, std::string>;
+
+void AddRatios(const std::vector<Racer>& racers, uint64_t triangles, Ratios* ratios) {
+  double embree = 0;
+  for (const Racer& racer : racers) {
+    if (racer.row.engine == "embree") embree = std::max(embree, racer.row.mrays_s);
+  }
+  if (embree == 0) return;
+  for (const auto& [row, kernel] : racers) {
+    if (row.engine == "embree") continue;
+    absl::StrAppendFormat(&(*ratios)[{row.rays, row.level}], "  %d: %.2f", triangles, row.mrays_s / embree);
+  }
+}
+
 // One size of one scene.
 absl::Status Measure(std::string_view name, const std::shared_ptr<const TriangleMesh>& mesh,
-                     const ScaleBenchOptions& options, std::vector<std::string>* lines) {
+                     const ScaleBenchOptions& options, Ratios* ratios, std::vector<std::string>* lines) {
   const absl::StatusOr<Preset> preset = ParsePreset(options.preset);
   if (!preset.ok()) return preset.status();
   Built<FinishedBuild> ours;
@@ -94,6 +112,7 @@ absl::Status Measure(std::string_view name, const std::shared_ptr<const Triangle
     }
     status = Race(*set, tree, {.rounds = options.rounds}, &racers);
     if (!status.ok()) return status;
+    AddRatios(racers, triangles, ratios);
     for (const Racer& racer : racers) {
       const KernelRow& row = racer.row;
       const bool is_ours = row.engine == "deltaray";
@@ -113,14 +132,19 @@ absl::Status RunScaleBench(const ScaleBenchOptions& options) {
       "scene,triangles,rays,engine,mode,level,mrays_s,spread,build_seconds,build_cpu_seconds,bytes_per_triangle,"
       "peak_bytes_per_triangle"};
   for (const std::string& name : options.scenes) {
+    Ratios ratios;
     for (const uint32_t triangles : options.triangles) {
       absl::StatusOr<TriangleMesh> made = MakeScene(name, triangles);
       if (!made.ok()) return made.status();
       const auto mesh = std::make_shared<const TriangleMesh>(*std::move(made));
-      if (absl::Status status = Measure(name, mesh, options, &lines); !status.ok()) return status;
+      if (absl::Status status = Measure(name, mesh, options, &ratios, &lines); !status.ok()) return status;
       // Large sizes take long: what there is so far is kept.
       if (absl::Status status = WriteLines(options.csv, lines); !status.ok()) return status;
       if (options.csv == "-") lines.clear();
+    }
+    for (const auto& [set_and_level, text] : ratios) {
+      std::cerr << name << ' ' << set_and_level.first << ", " << set_and_level.second << " / Embree HIGH:" << text
+                << '\n';
     }
   }
   return absl::OkStatus();
