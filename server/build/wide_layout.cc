@@ -200,7 +200,6 @@ class Layout {
     const size_t count = leaf.size();
     std::array<float, (kLeafColumns - 1) * kMaxLeafTriangles> columns;
     std::array<uint32_t, kMaxLeafTriangles> ids;
-    float longest = 0;
     bool exact = true;
     for (size_t i = 0; i < count; ++i) {
       const Triangle triangle = triangles_[leaf.ids()[i]];
@@ -213,24 +212,28 @@ class Layout {
           exact &= stored == scaled;
         }
       }
-      const Bounds bounds = triangle.GetBounds();
-      for (int axis = 0; axis < 3; ++axis) {
-        longest = std::max(longest, ScaleUp(bounds.max[axis], scale_) - ScaleDown(bounds.min[axis], scale_));
-      }
-      ids[i] = leaf.ids()[i];
+      ids[i] = leaf.ids()[i] | SizeClass(triangle.GetBounds()) << kPrimitiveBits;
     }
-    // longest < 2 with its rounding: 2^(1 - c) >= longest.
-    int exponent = 0;
-    const float fraction = std::frexp(longest, &exponent);
-    if (fraction == 0.5f) --exponent;
-    const int size_class = longest == 0 ? kMaxSizeClass : std::clamp(1 - exponent, 0, kMaxSizeClass);
-    ids[0] |= static_cast<uint32_t>(size_class) << kPrimitiveBits;
     const size_t column_bytes = count * sizeof(float),
                  bytes = LeafUnits(static_cast<uint32_t>(count), kWidth) * UnitBytes(kWidth);
     std::memcpy(at, columns.data(), kIdColumn * column_bytes);
     std::memcpy(at + kIdColumn * column_bytes, ids.data(), column_bytes);
     std::memset(at + kLeafColumns * column_bytes, 0, bytes - kLeafColumns * column_bytes);
     if (!exact) exact_corners_.store(false, std::memory_order_relaxed);
+  }
+
+  // See kMaxSizeClass.
+  uint32_t SizeClass(const Bounds& bounds) const {
+    double longest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      longest = std::max(longest, static_cast<double>(bounds.max[axis]) - static_cast<double>(bounds.min[axis]));
+    }
+    longest = std::ldexp(longest, scale_);
+    if (longest == 0) return kMaxSizeClass;
+    // The least power of two that is not below it.
+    int exponent = 0;
+    if (std::frexp(longest, &exponent) == 0.5) --exponent;
+    return static_cast<uint32_t>(std::clamp(1 - exponent, 0, kMaxSizeClass));
   }
 
   // Calls body(i) for i < count, as tasks of their own where the level is high up.

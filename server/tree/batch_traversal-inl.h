@@ -31,16 +31,20 @@ constexpr size_t kPrefetchBytes = size_t{2} << 20;
 // made of the leaves (queries-inl.h).
 template <typename Query, bool kPrefetch>
 class BatchTraversal {
+  using Setup = RaySetup<Query::kExact>;
+
  public:
-  BatchTraversal(const WideScene& scene, std::span<const Ray> rays, Query& query, size_t in_flight,
-                 std::vector<uint32_t>* odd)
+  // Rays begin to end - 1 of `rays`.
+  BatchTraversal(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end, Query& query,
+                 size_t in_flight, std::vector<uint32_t>* odd)
       : base_(scene.arrays.block.data()),
-        rays_(rays),
+        rays_(rays.first(end)),
         query_(query),
         in_flight_(in_flight),
         odd_(odd),
         setup_(scene.arrays),
-        scratch_(StackEntries(scene.arrays.levels), in_flight) {}
+        scratch_(StackEntries(scene.arrays.levels), in_flight, in_flight),
+        next_ray_(static_cast<uint32_t>(begin)) {}
 
   HWY_ATTR void Run() {
     // Copies, so that the compiler knows that no store changes them.
@@ -64,7 +68,7 @@ class BatchTraversal {
       // Leads a slot to what is next for it. Both lists are written to, one of them in vain: no branch could be
       // foretold.
       const auto go_on = [&](uint32_t index, RaySlot& ray, const RayStack& stack) HWY_ATTR {
-        if (HWY_UNLIKELY(!Pop(ray, stack))) {
+        if (HWY_UNLIKELY(!Pop<Query::kOrdered>(ray, stack))) {
           query_.End(ray);
           if (Refill(ray)) next_nodes[next_node_count++] = index;
           return;
@@ -81,7 +85,7 @@ class BatchTraversal {
         const uint32_t index = nodes[i];
         RaySlot& ray = slots[index];
         const RayStack stack{keys + index * stack_entries, refs + index * stack_entries};
-        PushChildren(base + ChildRef(ray.current).offset() * kUnitBytes, ray, stack);
+        PushChildren<Query::kOrdered>(base + ChildRef(ray.current).offset() * kUnitBytes, ray, stack);
         go_on(index, ray, stack);
       }
       for (size_t i = 0; i < leaf_count; ++i) {
@@ -104,14 +108,14 @@ class BatchTraversal {
     while (next_ray_ < rays_.size()) {
       slot.ray = next_ray_++;
       switch (setup_.Make(rays_[slot.ray], slot)) {
-        case RaySetup::Kind::kTraced:
+        case Setup::Kind::kTraced:
           slot.current = ChildRef::Node(0).bits();
           Query::SetUp(slot);
           return true;
-        case RaySetup::Kind::kMisses:
+        case Setup::Kind::kMisses:
           query_.End(slot);
           break;
-        case RaySetup::Kind::kOdd:
+        case Setup::Kind::kOdd:
           odd_->push_back(slot.ray);
           break;
       }
@@ -124,9 +128,9 @@ class BatchTraversal {
   Query& query_;
   const size_t in_flight_;
   std::vector<uint32_t>* const odd_;
-  const RaySetup setup_;
+  const Setup setup_;
   TraversalScratch scratch_;
-  uint32_t next_ray_ = 0;
+  uint32_t next_ray_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -36,12 +36,11 @@ struct LeafView {
   }
   const uint32_t* ids() const { return reinterpret_cast<const uint32_t*>(columns + kIdColumn * count); }
   uint32_t Primitive(uint32_t lane) const { return ids()[lane] & kPrimitiveMask; }
-  // No edge is longer than this along any axis.
-  float Size() const {
-    const uint32_t bits = (128 - (ids()[0] >> kPrimitiveBits)) << 23;
-    float size;
-    __builtin_memcpy(&size, &bits, sizeof(size));
-    return size;
+  // Of each triangle: no edge is longer than this along any axis.
+  HWY_ATTR VLeaf Sizes(uint32_t first) const {
+    const hn::RebindToUnsigned<DLeaf> d;
+    const auto size_class = hn::ShiftRight<kPrimitiveBits>(hn::LoadU(d, ids() + first));
+    return hn::BitCast(DLeaf(), hn::ShiftLeft<23>(hn::Sub(hn::Set(d, 128), size_class)));
   }
 };
 
@@ -120,20 +119,20 @@ struct FastTest {
 struct WatertightTest {
   static constexpr bool kExact = false;
 
-  HWY_ATTR static void SetUp(RaySlot& ray) {
-    const auto magnitude = [&ray](int axis) { return __builtin_fabsf(ray.direction[axis]); };
-    uint32_t z = magnitude(1) > magnitude(0) ? 1 : 0;
-    if (magnitude(2) > magnitude(z)) z = 2;
-    uint32_t x = z == 2 ? 0 : z + 1, y = 3 - z - x;
-    // Keeps the winding.
-    if (ray.direction[z] < 0) {
-      const uint32_t swap = x;
-      x = y, y = swap;
-    }
-    ray.axis[0] = x, ray.axis[1] = y, ray.axis[2] = z;
-    ray.shear[2] = 1 / ray.direction[z];
-    ray.shear[0] = ray.direction[x] * ray.shear[2];
-    ray.shear[1] = ray.direction[y] * ray.shear[2];
+  // Without branches: which axis comes last, and whether it is turned, can not be foretold.
+  HWY_ATTR static HWY_INLINE void SetUp(RaySlot& ray) {
+    const float x = __builtin_fabsf(ray.direction[0]), y = __builtin_fabsf(ray.direction[1]),
+                z = __builtin_fabsf(ray.direction[2]);
+    const uint32_t last = z >= x && z >= y ? 2 : static_cast<uint32_t>(y > x);
+    constexpr uint32_t kNext[5] = {0, 1, 2, 0, 1};
+    // Swaps the others where the last one is turned, which keeps the winding.
+    const uint32_t turned = ray.direction[last] < 0;
+    ray.axis[0] = kNext[last + 1 + turned];
+    ray.axis[1] = kNext[last + 2 - turned];
+    ray.axis[2] = last;
+    ray.shear[2] = ray.inverse[last];
+    ray.shear[0] = ray.direction[ray.axis[0]] * ray.shear[2];
+    ray.shear[1] = ray.direction[ray.axis[1]] * ray.shear[2];
   }
 
   HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling) {
@@ -183,9 +182,11 @@ struct ExactTest {
                                            float* certain_limit) {
     const DLeaf d;
     const MollerTrumbore test(ray, leaf, first);
-    const float size = leaf.Size(), size2 = size * size;
-    const VLeaf edge_slack = hn::Set(d, (ray.edge_slack[0] + ray.edge_slack[1] * size) * size);
-    const VLeaf det_slack = hn::Set(d, ray.det_slack * size2), end_slack = hn::Set(d, ray.end_slack * size2);
+    const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
+    const VLeaf edge_slack =
+        hn::MulAdd(hn::Set(d, ray.edge_slack[1]), size2, hn::Mul(hn::Set(d, ray.edge_slack[0]), size));
+    const VLeaf det_slack = hn::Mul(hn::Set(d, ray.det_slack), size2);
+    const VLeaf end_slack = hn::Mul(hn::Set(d, ray.end_slack), size2);
     const VLeaf sign = hn::And(test.det, hn::SignBit(d));
     const VLeaf det = hn::Xor(test.det, sign);
     const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);

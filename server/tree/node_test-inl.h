@@ -68,11 +68,53 @@ HWY_ATTR HWY_INLINE VKeys SortDescending(VKeys keys) {
   return keys;
 }
 
-// Pushes the children of `node` whose boxes the ray enters within its range.
-HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+// Writes the children of `node` in the lanes `hit`, entered no earlier than at `near`, to keys and refs, the nearest
+// last. Returns how many.
+HWY_ATTR HWY_INLINE size_t PushSorted(const std::byte* node, hn::Vec<DNode> near, hn::Mask<DNode> hit,
+                                      int32_t* out_keys, uint32_t* out_refs) {
   const DNode d;
   const DNodeInt di;
   const DNodeUint du;
+  const size_t count = hn::CountTrue(d, hit);
+  // Keys that order as `near` does, and bound it from below.
+  const auto bits = hn::BitCast(di, near);
+  const auto ordered = hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(di, 0x7FFFFFFF)));
+  const auto lane_keys =
+      hn::Sub(hn::Or(hn::AndNot(hn::Set(di, kLaneMask), ordered), hn::Iota(di, 0)), hn::Set(di, kLaneMask + 1));
+  const auto keys =
+      hn::IfThenElse(hn::RebindMask(di, hit), lane_keys, hn::Set(di, std::numeric_limits<int32_t>::min()));
+  const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
+#if HWY_TARGET == HWY_AVX3
+  if (HWY_LIKELY(count <= kSortedKeys)) {
+    const DKeys dk;
+    const auto few = hn::LowerHalf(dk, hn::Compress(keys, hn::RebindMask(di, hit)));
+    const VKeys sorted =
+        SortDescending(hn::IfThenElse(hn::FirstN(dk, count), few, hn::Set(dk, std::numeric_limits<int32_t>::min())));
+    hn::StoreU(sorted, dk, out_keys);
+    const auto lanes = hn::ZeroExtendVector(di, hn::And(sorted, hn::Set(dk, kLaneMask)));
+    const auto refs = hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes));
+    hn::StoreU(hn::LowerHalf(hn::Half<DNodeUint>(), refs), hn::Half<DNodeUint>(), out_refs);
+    return count;
+  }
+  hn::CompressStore(keys, hn::RebindMask(di, hit), di, out_keys);
+  std::sort(out_keys, out_keys + count, [](int32_t a, int32_t b) { return a > b; });
+  for (size_t i = 0; i < count; ++i) {
+    out_refs[i] = reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes)[out_keys[i] & kLaneMask];
+  }
+#else
+  const VKeys sorted = SortDescending(keys);
+  hn::StoreU(sorted, di, out_keys);
+  const auto lanes = hn::And(sorted, hn::Set(di, kWidth - 1));
+  hn::StoreU(hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes)), du, out_refs);
+#endif
+  return count;
+}
+
+// Pushes the children of `node` whose boxes the ray enters within its range: the nearest last, or in any order and
+// without keys.
+template <bool kOrdered>
+HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+  const DNode d;
   const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
     return hn::Load(d, reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper));
   };
@@ -88,49 +130,23 @@ HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const
   const auto near = hn::Max(hn::Max(near_x, near_y), hn::Max(near_z, hn::Set(d, ray.t_min)));
   const auto far = hn::Min(hn::Min(far_x, far_y), hn::Min(far_z, hn::Set(d, ray.limit)));
   const auto hit = hn::Le(near, far);
-  const size_t count = hn::CountTrue(d, hit);
-
-  // Keys that order as `near` does, and bound it from below.
-  const auto bits = hn::BitCast(di, near);
-  const auto ordered = hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(di, 0x7FFFFFFF)));
-  const auto lane_keys =
-      hn::Sub(hn::Or(hn::AndNot(hn::Set(di, kLaneMask), ordered), hn::Iota(di, 0)), hn::Set(di, kLaneMask + 1));
-  const auto keys =
-      hn::IfThenElse(hn::RebindMask(di, hit), lane_keys, hn::Set(di, std::numeric_limits<int32_t>::min()));
-  const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
-  int32_t* const out_keys = stack.keys + ray.stack_size;
-  uint32_t* const out_refs = stack.refs + ray.stack_size;
-  ray.stack_size += static_cast<uint32_t>(count);
-#if HWY_TARGET == HWY_AVX3
-  if (HWY_LIKELY(count <= kSortedKeys)) {
-    const DKeys dk;
-    const auto few = hn::LowerHalf(dk, hn::Compress(keys, hn::RebindMask(di, hit)));
-    const VKeys sorted =
-        SortDescending(hn::IfThenElse(hn::FirstN(dk, count), few, hn::Set(dk, std::numeric_limits<int32_t>::min())));
-    hn::StoreU(sorted, dk, out_keys);
-    const auto lanes = hn::ZeroExtendVector(di, hn::And(sorted, hn::Set(dk, kLaneMask)));
-    const auto refs = hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes));
-    hn::StoreU(hn::LowerHalf(hn::Half<DNodeUint>(), refs), hn::Half<DNodeUint>(), out_refs);
-    return;
+  if (kOrdered) {
+    ray.stack_size +=
+        static_cast<uint32_t>(PushSorted(node, near, hit, stack.keys + ray.stack_size, stack.refs + ray.stack_size));
+  } else {
+    const DNodeUint du;
+    const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
+    hn::StoreU(hn::Compress(children, hn::RebindMask(du, hit)), du, stack.refs + ray.stack_size);
+    ray.stack_size += static_cast<uint32_t>(hn::CountTrue(d, hit));
   }
-  hn::CompressStore(keys, hn::RebindMask(di, hit), di, out_keys);
-  std::sort(out_keys, out_keys + count, [](int32_t a, int32_t b) { return a > b; });
-  for (size_t i = 0; i < count; ++i) {
-    out_refs[i] = reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes)[out_keys[i] & kLaneMask];
-  }
-#else
-  const VKeys sorted = SortDescending(keys);
-  hn::StoreU(sorted, di, out_keys);
-  const auto lanes = hn::And(sorted, hn::Set(di, kWidth - 1));
-  hn::StoreU(hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes)), du, out_refs);
-#endif
 }
 
-// Takes the nearest entry that still matters off the stack. False: there is none.
+// Takes the last entry that still matters off the stack. False: there is none.
+template <bool kOrdered>
 HWY_ATTR HWY_INLINE bool Pop(RaySlot& ray, const RayStack& stack) {
   while (ray.stack_size > 0) {
     --ray.stack_size;
-    if (stack.keys[ray.stack_size] > ray.limit_bits) continue;
+    if (kOrdered && stack.keys[ray.stack_size] > ray.limit_bits) continue;
     ray.current = stack.refs[ray.stack_size];
     return true;
   }

@@ -1,4 +1,4 @@
-// What a query makes of the leaves that a ray comes to.
+// What a query makes of the leaves that a ray comes to. `kOrdered`: whether it matters which leaf comes first.
 
 #if defined(SERVER_TREE_QUERIES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SERVER_TREE_QUERIES_INL_H_
@@ -12,6 +12,7 @@
 
 #include "hwy/highway.h"
 #include "server/tree/collector.h"
+#include "server/tree/decision-inl.h"
 #include "server/tree/leaf_test-inl.h"
 #include "server/tree/ray_setup-inl.h"
 #include "server/tree/suspects.h"
@@ -38,6 +39,9 @@ HWY_ATTR HWY_INLINE void ForEachHit(const LeafHits& hits, Lane&& lane) {
 template <typename Test>
 class ClosestQuery {
  public:
+  static constexpr bool kExact = Test::kExact;
+  static constexpr bool kOrdered = true;
+
   ClosestQuery(Culling culling, std::span<Hit> hits) : culling_(culling), hits_(hits) {}
 
   HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
@@ -49,6 +53,10 @@ class ClosestQuery {
       Take(ray, leaf, first, hits);
     }
   }
+
+  static float Limit(const RaySlot& ray) { return ray.limit; }
+
+  void Miss(uint32_t ray) { hits_[ray] = Hit(); }
 
   HWY_ATTR void End(const RaySlot& ray) {
     Hit& hit = hits_[ray.ray];
@@ -76,7 +84,7 @@ class ClosestQuery {
       ray.t = t, ray.u = u[lane], ray.v = v[lane];
       ray.primitive = primitive;
       ray.back = back[0] >> lane & 1;
-      RaySetup::SetLimit(ray, t);
+      SetLimit(ray, t);
     });
   }
 
@@ -88,6 +96,9 @@ class ClosestQuery {
 template <typename Test>
 class AnyQuery {
  public:
+  static constexpr bool kExact = Test::kExact;
+  static constexpr bool kOrdered = false;
+
   AnyQuery(Culling culling, std::span<uint8_t> any) : culling_(culling), any_(any) {}
 
   HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
@@ -105,6 +116,10 @@ class AnyQuery {
     }
   }
 
+  static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }
+
+  void Miss(uint32_t ray) { any_[ray] = 0; }
+
   HWY_ATTR void End(const RaySlot& ray) { any_[ray.ray] = ray.primitive != kNoPrimitive; }
 
  private:
@@ -116,8 +131,18 @@ class AnyQuery {
 // end.
 class ExactClosestQuery {
  public:
-  ExactClosestQuery(const WideScene& scene, Culling culling, ClosestDecider& decider)
-      : scene_(scene), culling_(culling), decider_(decider) {}
+  static constexpr bool kExact = true;
+  static constexpr bool kOrdered = true;
+
+  ExactClosestQuery(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits)
+      : scene_(scene),
+        culling_(options.culling),
+        hits_(hits),
+        decider_(scene, rays, options, hits),
+        queue_(scene, rays, options.culling, decider_, hits) {}
+
+  // Decides what is still in the queue. REQUIRES: called once all rays have ended.
+  HWY_ATTR void Finish() { queue_.Flush(); }
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
@@ -126,7 +151,7 @@ class ExactClosestQuery {
       float certain_limit;
       const LeafHits hits = ExactTest::Test(ray, leaf, first, culling_, &certain_limit);
       if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      if (certain_limit < ray.limit) RaySetup::SetLimit(ray, certain_limit);
+      if (certain_limit < ray.limit) SetLimit(ray, certain_limit);
       ForEachHit(hits, [&](uint32_t lane, float t) {
         if (t > ray.limit) return;
         if (ray.suspect_count == RaySlot::kMaxSuspects) MakeRoom(ray);
@@ -137,23 +162,38 @@ class ExactClosestQuery {
     }
   }
 
-  HWY_ATTR void End(RaySlot& ray) { decider_.End(ray); }
+  static float Limit(const RaySlot& ray) { return ray.limit; }
+
+  void Miss(uint32_t ray) { hits_[ray] = Hit(); }
+
+  HWY_ATTR void End(RaySlot& ray) {
+    if (ray.suspect_count > 1) DropNeedless(scene_, ray);
+    if (!decider_.KnowsAll(ray)) return decider_.Decide(ray);
+    if (ray.suspect_count == 0) return Miss(ray.ray);
+    if (ray.suspect_count > 1 || !ray.exact) return decider_.Decide(ray);
+    queue_.Add(ray);
+  }
 
  private:
   // Drops needless suspects; decides all there are where that gives no room.
   void MakeRoom(RaySlot& ray) {
     DropNeedless(scene_, ray);
-    if (ray.suspect_count == RaySlot::kMaxSuspects) RaySetup::SetLimit(ray, decider_.DecideEarly(ray));
+    if (ray.suspect_count == RaySlot::kMaxSuspects) SetLimit(ray, decider_.DecideEarly(ray));
   }
 
   const WideScene& scene_;
   const Culling culling_;
-  ClosestDecider& decider_;
+  const std::span<Hit> hits_;
+  ClosestDecider decider_;
+  DecisionQueue queue_;
 };
 
 // Whether there is a hit, at kExact.
 class ExactAnyQuery {
  public:
+  static constexpr bool kExact = true;
+  static constexpr bool kOrdered = false;
+
   ExactAnyQuery(Culling culling, AnyDecider& decider) : culling_(culling), decider_(decider) {}
 
   HWY_ATTR static void SetUp(RaySlot&) {}
@@ -176,6 +216,10 @@ class ExactAnyQuery {
     }
   }
 
+  static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }
+
+  void Miss(uint32_t ray) { decider_.Miss(ray); }
+
   HWY_ATTR void End(RaySlot& ray) { decider_.End(ray); }
 
  private:
@@ -193,6 +237,9 @@ class ExactAnyQuery {
 // All triangles that a ray may hit, to a collector.
 class CollectQuery {
  public:
+  static constexpr bool kExact = true;
+  static constexpr bool kOrdered = true;
+
   explicit CollectQuery(Collector& collector) : collector_(collector) {}
 
   HWY_ATTR static void SetUp(RaySlot&) {}
@@ -207,7 +254,7 @@ class CollectQuery {
         ray.stack_size = 0;
         return;
       }
-      RaySetup::SetLimit(ray, LimitInFrame(ray, collector_.limit()));
+      SetLimit(ray, LimitInFrame(ray, collector_.limit()));
     }
   }
 

@@ -13,6 +13,7 @@
 #if HWY_TARGET == HWY_SSE4 || HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
 
 #include "server/tree/batch_traversal-inl.h"
+#include "server/tree/packet_traversal-inl.h"
 #include "server/tree/queries-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -23,15 +24,35 @@ namespace {
 // Enough to hide the time that memory takes.
 constexpr size_t kInFlight = 32;
 
+// Rays begin to end - 1, each on its own.
+template <typename Query>
+HWY_ATTR void TraceApart(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end, size_t in_flight,
+                         Query& query, std::vector<uint32_t>* odd) {
+  if (begin == end) return;
+  if (scene.arrays.block.size() > kPrefetchBytes) {
+    BatchTraversal<Query, true>(scene, rays, begin, end, query, in_flight, odd).Run();
+  } else {
+    BatchTraversal<Query, false>(scene, rays, begin, end, query, in_flight, odd).Run();
+  }
+}
+
 template <typename Query>
 HWY_ATTR void Trace(const WideScene& scene, std::span<const Ray> rays, Traversal traversal, Query& query,
                     std::vector<uint32_t>* odd) {
-  const size_t in_flight = traversal == Traversal::kSingle ? 1 : kInFlight;
-  if (scene.arrays.block.size() > kPrefetchBytes) {
-    BatchTraversal<Query, true>(scene, rays, query, in_flight, odd).Run();
-  } else {
-    BatchTraversal<Query, false>(scene, rays, query, in_flight, odd).Run();
+  if (traversal == Traversal::kSingle || traversal == Traversal::kBatch) {
+    return TraceApart(scene, rays, 0, rays.size(), traversal == Traversal::kSingle ? 1 : kInFlight, query, odd);
   }
+  // Runs of rays that no packet takes are traced as they end.
+  size_t apart = 0;
+  for (size_t begin = 0; begin + kPacketRays <= rays.size(); begin += kPacketRays) {
+    if (!PacketTraversal<Query>(scene, query)
+             .Trace(rays.subspan(begin, kPacketRays), static_cast<uint32_t>(begin), traversal == Traversal::kPacket)) {
+      continue;
+    }
+    TraceApart(scene, rays, apart, begin, kInFlight, query, odd);
+    apart = begin + kPacketRays;
+  }
+  TraceApart(scene, rays, apart, rays.size(), kInFlight, query, odd);
 }
 
 HWY_ATTR void ClosestHits(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options,
@@ -46,9 +67,9 @@ HWY_ATTR void ClosestHits(const WideScene& scene, std::span<const Ray> rays, con
       return Trace(scene, rays, options.traversal, query, odd);
     }
     case AccuracyLevel::kExact: {
-      ClosestDecider decider(scene, rays, options, hits);
-      ExactClosestQuery query(scene, options.culling, decider);
-      return Trace(scene, rays, options.traversal, query, odd);
+      ExactClosestQuery query(scene, rays, options, hits);
+      Trace(scene, rays, options.traversal, query, odd);
+      return query.Finish();
     }
   }
 }
@@ -75,7 +96,7 @@ HWY_ATTR void AnyHits(const WideScene& scene, std::span<const Ray> rays, const Q
 HWY_ATTR bool Collect(const WideScene& scene, const Ray& ray, Collector& collector) {
   std::vector<uint32_t> odd;
   CollectQuery query(collector);
-  Trace(scene, std::span(&ray, 1), Traversal::kSingle, query, &odd);
+  TraceApart(scene, std::span(&ray, 1), 0, 1, 1, query, &odd);
   return odd.empty();
 }
 

@@ -26,11 +26,19 @@ constexpr float kLeastComponent = 0x1p-80f;
 // Origins farther out than this many sizes of the mesh are odd.
 constexpr float kFarthestOrigin = 0x1p40f;
 
-// Makes RaySlots of rays.
+// Lowers the limit of a ray, or sets it.
+HWY_ATTR HWY_INLINE void SetLimit(RaySlot& slot, float limit) {
+  slot.limit = limit;
+  int32_t bits;
+  __builtin_memcpy(&bits, &limit, sizeof(bits));
+  slot.limit_bits = OrderedBits(bits);
+}
+
+// Makes RaySlots of rays. `kExact`: for leaf tests at kExact, which need more.
+template <bool kExact>
 class RaySetup {
   // x, y, z of one ray, and a fourth lane that is not used or holds an end of the interval.
   using DF = hn::FixedTag<float, 4>;
-  using DI = hn::RebindToSigned<DF>;
   using DU = hn::RebindToUnsigned<DF>;
   using VF = hn::Vec<DF>;
 
@@ -45,30 +53,50 @@ class RaySetup {
 
   // Fills all of `slot` that tests read, and empties its stack and its answer. Tells what to do with the ray.
   HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, RaySlot& slot) const {
+    const float greatest = Greatest(hn::LoadU(DF(), &ray.direction.x));
+    // NaN counts as odd.
+    if (HWY_UNLIKELY(!(greatest >= kLeastDirection && greatest < kGreatestDirection))) return Kind::kOdd;
+    return Make(ray, ExponentOf(greatest), slot);
+  }
+
+  // Directions of greater or smaller greatest components are odd: no normal float is the inverse power of two.
+  static constexpr float kLeastDirection = 0x1p-126f, kGreatestDirection = 0x1p126f;
+
+  // The exponent e of a positive normal number: 2^e is the greatest power of two up to it.
+  static int ExponentOf(float x) {
+    uint32_t bits;
+    __builtin_memcpy(&bits, &x, sizeof(bits));
+    return static_cast<int>(bits >> 23) - 127;
+  }
+
+  // What directions are scaled by, given that exponent.
+  static float DirectionScale(int exponent) {
+    const uint32_t bits = static_cast<uint32_t>(127 - exponent) << 23;
+    float scale;
+    __builtin_memcpy(&scale, &bits, sizeof(scale));
+    return scale;
+  }
+  // What t is scaled by.
+  double TScale(int exponent) const { return PowerOfTwo(exponent + scale_exponent_); }
+  // What coordinates are scaled by.
+  double scale() const { return scale_; }
+
+  // The same with directions scaled by 2^-exponent, which brings the greatest component to at least 1.
+  HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, int exponent, RaySlot& slot) const {
     const DF d;
-    const DI di;
     const DU du;
     const auto xyz = hn::FirstN(d, 3);
 
-    // 1. Scale: the exponent of the direction's greatest component goes to 0.
+    // 1. Scale.
     const VF given_direction = hn::LoadU(d, &ray.direction.x), given_origin = hn::LoadU(d, &ray.origin.x);
-    const float greatest = Greatest(given_direction);
-    // Directions of less than 2^-126 or at least 2^126 are odd: neither has the inverse power as a normal float.
-    if (HWY_UNLIKELY(!(greatest >= 0x1p-126f && greatest < 0x1p126f))) return Kind::kOdd;
-    uint32_t bits;
-    __builtin_memcpy(&bits, &greatest, sizeof(bits));
-    const uint32_t biased = bits >> 23;
-    const uint32_t scale_bits = (254 - biased) << 23;
-    float direction_scale;
-    __builtin_memcpy(&direction_scale, &scale_bits, sizeof(scale_bits));
-    const VF direction = hn::Mul(given_direction, hn::Set(d, direction_scale));
+    const VF direction = hn::Mul(given_direction, hn::Set(d, DirectionScale(exponent)));
     const VF origin = TimesScale(given_origin);
     const float farthest = Greatest(origin);
     if (HWY_UNLIKELY(!(farthest <= kFarthestOrigin))) return Kind::kOdd;
     // No point of the mesh is farther from the origin along any axis than `reach`; so no t in the mesh is beyond it.
     const float reach = farthest + 1;
-    const double t_scale = PowerOfTwo(static_cast<int>(biased) - 127 + scale_exponent_);
-    slot.t_unscale = PowerOfTwo(127 - static_cast<int>(biased) - scale_exponent_);
+    const double t_scale = TScale(exponent);
+    slot.t_unscale = PowerOfTwo(-exponent - scale_exponent_);
     const float t_min = ScaledEnd(ray.t_min, t_scale), t_max = ScaledEnd(ray.t_max, t_scale);
 
     // 2. Slabs, widened; see README.md.
@@ -92,9 +120,9 @@ class RaySetup {
     SetLimit(slot, std::min(t_max, 2 * reach));
 
     // 3. Error bounds of the leaf test at kExact; see README.md.
-    HWY_ALIGN float components[4];
-    hn::Store(hn::Abs(direction), d, components);
-    const float length = components[0] + components[1] + components[2];
+    if (!kExact) return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
+    const float length =
+        __builtin_fabsf(slot.direction[0]) + __builtin_fabsf(slot.direction[1]) + __builtin_fabsf(slot.direction[2]);
     slot.edge_slack[0] = 40 * 0x1p-24f * length * reach;
     slot.edge_slack[1] = 20 * 0x1p-24f * length;
     slot.det_slack = 16 * 0x1p-24f * length;
@@ -105,13 +133,6 @@ class RaySetup {
     slot.exact = exact_corners_ && hn::AllFalse(d, rounded) && !MayHaveRounded(ray.t_min, t_min) &&
                  !MayHaveRounded(ray.t_max, t_max);
     return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
-  }
-
-  static void SetLimit(RaySlot& slot, float limit) {
-    slot.limit = limit;
-    int32_t bits;
-    __builtin_memcpy(&bits, &limit, sizeof(bits));
-    slot.limit_bits = OrderedBits(bits);
   }
 
  private:

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "server/tree/wide_node.h"
 
@@ -12,6 +13,9 @@ namespace deltaray {
 
 // Order-preserving map from floats, NaN aside, to integers.
 constexpr int32_t OrderedBits(int32_t float_bits) { return float_bits ^ ((float_bits >> 31) & 0x7FFFFFFF); }
+
+// The limit of a ray whose answer is known.
+inline constexpr float kNothingMatters = -std::numeric_limits<float>::infinity();
 
 // A triangle that may be the answer.
 struct Suspect {
@@ -39,8 +43,8 @@ struct alignas(64) RaySlot {
   uint32_t current;  // bits of the ChildRef that is next
   float direction[3];
   uint32_t excluded;  // primitive
-  // At kExact: error bounds, to be multiplied by powers of the leaf's size L. Of U, V, W: (edge[0] + edge[1] L) L; of
-  // the determinant: det L²; of how far T is within t_min or the limit: end L².
+  // At kExact: error bounds, to be multiplied by powers of the triangle's size L. Of U, V, W: (edge[0] + edge[1] L) L;
+  // of the determinant: det L²; of how far T is within t_min or the limit: end L².
   float edge_slack[2];
   float det_slack;
   float end_slack;

@@ -56,11 +56,20 @@ float ClosestDecider::DecideEarly(RaySlot& ray) {
   return LimitInFrame(ray, collector.limit());
 }
 
-void ClosestDecider::End(RaySlot& ray) {
-  DropNeedless(scene_, ray);
+bool ClosestDecider::KnowsAll(const RaySlot& ray) const {
+  return std::none_of(early_.begin(), early_.end(), [&ray](const Early& entry) { return entry.ray == ray.ray; });
+}
+
+void ClosestDecider::Decide(const RaySlot& ray) {
   ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_);
   VisitAll(ray, collector);
   hits_[ray.ray] = collector.hit();
+}
+
+void ClosestDecider::DecideOne(uint32_t ray, uint32_t primitive) {
+  ClosestCollector collector(scene_.triangles, rays_[ray], options_);
+  collector.Visit(primitive);
+  hits_[ray] = collector.hit();
 }
 
 bool AnyDecider::DecideEarly(RaySlot& ray) {

@@ -23,7 +23,7 @@ float LimitInFrame(const RaySlot& ray, double limit);
 // Drops suspects whose t is for certain greater than that of a certain hit, and repeated ones.
 void DropNeedless(const WideScene& scene, RaySlot& ray);
 
-// Decides closest hits. One object a batch.
+// Decides closest hits, one by one. One object a batch.
 class ClosestDecider {
  public:
   ClosestDecider(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits)
@@ -31,8 +31,12 @@ class ClosestDecider {
 
   // Empties the ray's list of suspects, keeping the closest hit among them in mind, and returns its new limit.
   float DecideEarly(RaySlot& ray);
+  // Whether the list has all that the ray may hit.
+  bool KnowsAll(const RaySlot& ray) const;
   // Writes the ray's hit.
-  void End(RaySlot& ray);
+  void Decide(const RaySlot& ray);
+  // Writes the hit of a ray that can hit one primitive only.
+  void DecideOne(uint32_t ray, uint32_t primitive);
 
  private:
   struct Early {
@@ -57,6 +61,8 @@ class AnyDecider {
 
   // Empties the ray's list of suspects; returns whether one of them is hit.
   bool DecideEarly(RaySlot& ray);
+  // Writes a miss.
+  void Miss(uint32_t ray) { any_[ray] = 0; }
   // Writes the ray's answer.
   void End(RaySlot& ray) { any_[ray.ray] = ray.primitive != kNoPrimitive || DecideEarly(ray); }
 

@@ -10,18 +10,20 @@
 
 namespace deltaray {
 
-// Slots, stacks and lists of the rays that one thread has in flight. A thread keeps its memory from one batch to the
-// next; it lies on the heap, since a large thread_local object would make threads fail to start.
+// Stacks of the rays, or packets, that one thread has in flight, slots for their rays, and lists. A thread keeps its
+// memory from one batch to the next; it lies on the heap, since a large thread_local object would make threads fail to
+// start.
 class TraversalScratch {
  public:
   // At most one object a thread at any time. Throws std::bad_alloc.
-  TraversalScratch(size_t stack_entries, size_t slots);
+  TraversalScratch(size_t stack_entries, size_t stacks, size_t slots);
 
   RaySlot* slots() { return slots_; }
-  // The stack of slot i begins at entry i * stack_entries().
+  // Stack i begins at entry i * stack_entries() of three columns.
   size_t stack_entries() const { return stack_entries_; }
   int32_t* keys() { return keys_; }
   uint32_t* refs() { return refs_; }
+  uint32_t* parents() { return parents_; }
   // Four lists of slots, each with room for one more than there are.
   uint32_t* list(size_t i) { return lists_ + i * (slot_count_ + 1); }
 
@@ -30,6 +32,7 @@ class TraversalScratch {
   RaySlot* slots_;
   int32_t* keys_;
   uint32_t* refs_;
+  uint32_t* parents_;
   uint32_t* lists_;
 };
 

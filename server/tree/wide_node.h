@@ -54,8 +54,8 @@ constexpr size_t NodeBytes(int width) { return 7 * sizeof(float) * width; }
 // second, of the third, then ids. It takes whole units, and may be read up to kLeafSlack bytes past its end: lanes past
 // n hold anything.
 //
-// The low kPrimitiveBits of an id are the primitive's. The rest of the first one is the leaf's size class c: no edge of
-// its triangles is longer along any axis than 2^(1 - c).
+// The low kPrimitiveBits of an id are the primitive's. The rest is the triangle's size class c: none of its edges is
+// longer along any axis than 2^(1 - c).
 inline constexpr int kLeafColumns = 10;
 inline constexpr int kIdColumn = 9;
 inline constexpr size_t kLeafSlack = 64;

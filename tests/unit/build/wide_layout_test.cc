@@ -68,11 +68,9 @@ uint32_t Check(const WideArrays& arrays, const TrianglesView& triangles, uint32_
     }
     const uint32_t count = child.triangles();
     *end = std::max(*end, (child.offset() + LeafUnits(count, width)) * unit);
-    const int size_class =
-        static_cast<int>(Load<uint32_t>(arrays, child.offset(), kIdColumn * count) >> kPrimitiveBits);
-    double longest = 0;
     for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t primitive = Load<uint32_t>(arrays, child.offset(), kIdColumn * count + i) & kPrimitiveMask;
+      const auto id = Load<uint32_t>(arrays, child.offset(), kIdColumn * count + i);
+      const uint32_t primitive = id & kPrimitiveMask;
       if (i > 0) {
         EXPECT_GT(primitive, Load<uint32_t>(arrays, child.offset(), kIdColumn * count + i - 1) & kPrimitiveMask);
       }
@@ -90,13 +88,15 @@ uint32_t Check(const WideArrays& arrays, const TrianglesView& triangles, uint32_
         bounds.Extend(stored);
       }
       EXPECT_TRUE(box.Contains(bounds));
+      double longest = 0;
       for (int axis = 0; axis < 3; ++axis) {
         longest = std::max(longest, static_cast<double>(bounds.max[axis]) - bounds.min[axis]);
       }
-    }
-    EXPECT_LE(longest, std::ldexp(1.0, 1 - size_class));
-    if (size_class < kMaxSizeClass) {
-      EXPECT_GT(longest, std::ldexp(1.0, -size_class));
+      const int size_class = static_cast<int>(id >> kPrimitiveBits);
+      EXPECT_LE(longest, std::ldexp(1.0, 1 - size_class));
+      if (size_class < kMaxSizeClass) {
+        EXPECT_GT(longest, std::ldexp(1.0, -size_class));
+      }
     }
   }
   return levels + 1;

@@ -1,0 +1,283 @@
+// Coherent rays through a wide tree, many together.
+
+#if defined(SERVER_TREE_PACKET_TRAVERSAL_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_PACKET_TRAVERSAL_INL_H_
+#undef SERVER_TREE_PACKET_TRAVERSAL_INL_H_
+#else
+#define SERVER_TREE_PACKET_TRAVERSAL_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <span>
+
+#include "hwy/highway.h"
+#include "server/tree/leaf_test-inl.h"
+#include "server/tree/node_test-inl.h"
+#include "server/tree/ray_kernels.h"
+#include "server/tree/ray_setup-inl.h"
+#include "server/tree/traversal_scratch.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+// Rays of a packet.
+constexpr size_t kPacketRays = 16;
+
+// A packet is led through the nodes as the interval of all its rays [Boulos 2006]: one test of a node's boxes for all
+// of them. At a leaf each ray tries the leaf's box, and those that meet it test the leaf as they would alone, so that
+// answers are the same bits.
+template <typename Query>
+class PacketTraversal {
+  using Setup = RaySetup<Query::kExact>;
+  using VNode = hn::Vec<DNode>;
+
+ public:
+  PacketTraversal(const WideScene& scene, Query& query)
+      : base_(scene.arrays.block.data()),
+        query_(query),
+        setup_(scene.arrays),
+        scratch_(StackEntries(scene.arrays.levels), 1, kPacketRays) {}
+
+  // Traces the rays, the first of which has the index `first` in the batch, unless they go ways too different for a
+  // packet to pay; then returns false, and has done nothing. `wide`: takes packets however wide. REQUIRES: as many rays
+  // as a packet has.
+  HWY_ATTR bool Trace(std::span<const Ray> rays, uint32_t first, bool wide) {
+    if (!FindBounds(rays, wide)) return false;
+    rays_ = rays;
+    first_ = first;
+    rays_are_set_up_ = false;
+    Traverse();
+    if (rays_are_set_up_) {
+      for (size_t i = 0; i < kPacketRays; ++i) query_.End(slots()[i]);
+    } else {
+      for (uint32_t i = 0; i < kPacketRays; ++i) query_.Miss(first + i);
+    }
+    return true;
+  }
+
+ private:
+  using D4 = hn::FixedTag<float, 4>;
+  using V4 = hn::Vec<D4>;
+
+  RaySlot* slots() { return scratch_.slots(); }
+
+  // Sums up the packet. False: its rays do not go the same way.
+  HWY_ATTR bool FindBounds(std::span<const Ray> rays, bool wide) {
+    const D4 d;
+    // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max.
+    V4 low[2] = {hn::LoadU(d, &rays[0].origin.x), hn::LoadU(d, &rays[0].direction.x)};
+    V4 high[2] = {low[0], low[1]};
+    for (const Ray& ray : rays.subspan(1)) {
+      const V4 origin = hn::LoadU(d, &ray.origin.x), direction = hn::LoadU(d, &ray.direction.x);
+      low[0] = hn::Min(low[0], origin), high[0] = hn::Max(high[0], origin);
+      low[1] = hn::Min(low[1], direction), high[1] = hn::Max(high[1], direction);
+    }
+    HWY_ALIGN float origin_low[4], origin_high[4], direction_low[4], direction_high[4];
+    hn::Store(low[0], d, origin_low), hn::Store(high[0], d, origin_high);
+    hn::Store(low[1], d, direction_low), hn::Store(high[1], d, direction_high);
+
+    // 2. All must go to the same side along each axis, else a box's near faces are not the same for all; 0 counts as
+    // upward. Scale by the least of the greatest components.
+    int main = 0;
+    float main_least = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (direction_low[axis] < 0 && direction_high[axis] >= 0) return false;
+      const float least = direction_low[axis] < 0 ? -direction_high[axis] : direction_low[axis];
+      if (least > main_least) main = axis, main_least = least;
+    }
+    const float main_greatest = std::max(-direction_low[main], direction_high[main]);
+    if (!(main_least >= Setup::kLeastDirection && main_greatest < Setup::kGreatestDirection)) return false;
+    exponent_ = Setup::ExponentOf(main_least);
+    const float direction_scale = Setup::DirectionScale(exponent_);
+    const auto scale = static_cast<float>(setup_.scale());
+
+    float width = 0, reach = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      origin_low[axis] *= scale, origin_high[axis] *= scale;
+      direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
+      // Components that count as 0 count as upward too.
+      if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;
+      reach = std::max({reach, __builtin_fabsf(origin_low[axis]), __builtin_fabsf(origin_high[axis])});
+      width = std::max(width, direction_high[axis] - direction_low[axis] + origin_high[axis] - origin_low[axis]);
+    }
+    // Where the packet has passed through the mesh, which is 1 to 2 wide, it must not have become much wider than what
+    // it may meet there. This refuses what is not finite too.
+    if (!(reach <= kFarthestOrigin && width < (wide ? kFarthestOrigin : kWidestPacket))) return false;
+
+    // 3. Bounds for the test of a node.
+    reach += 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const bool negative = direction_low[axis] < 0;
+      flip_[axis] = negative ? kUnitBytes : 0;
+      near_origin_[axis] = negative ? origin_low[axis] : origin_high[axis];
+      far_origin_[axis] = negative ? origin_high[axis] : origin_low[axis];
+      inverse_low_[axis] = Inverse(direction_high[axis]), inverse_high_[axis] = Inverse(direction_low[axis]);
+      const float greatest = std::max(__builtin_fabsf(inverse_low_[axis]), __builtin_fabsf(inverse_high_[axis]));
+      // As a ray's own: more than the roundings of the test, and than a component that counts as 0 leads astray.
+      pad_[axis] = reach * 0x1p-20f * greatest + (greatest >= 1 / kLeastComponent ? 4 * reach : 0);
+    }
+    const double t_scale = setup_.TScale(exponent_);
+    least_t_min_ = std::max(static_cast<float>(origin_low[3] * t_scale), -2 * reach);
+    SetGreatestLimit(std::min(static_cast<float>(direction_high[3] * t_scale), 2 * reach));
+    return true;
+  }
+
+  // As RaySetup has it.
+  static float Inverse(float component) {
+    return __builtin_fabsf(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
+  }
+
+  // Fills the slots and columns of all rays: not before one has come to a leaf.
+  HWY_ATTR void SetUpRays() {
+    rays_are_set_up_ = true;
+    for (size_t i = 0; i < kPacketRays; ++i) {
+      RaySlot& slot = slots()[i];
+      slot.ray = first_ + static_cast<uint32_t>(i);
+      // None is odd, by FindBounds.
+      const bool traced = setup_.Make(rays_[i], exponent_, slot) == Setup::Kind::kTraced;
+      Query::SetUp(slot);
+      for (int axis = 0; axis < 3; ++axis) {
+        inverse_[axis][i] = slot.inverse[axis];
+        near_offset_[axis][i] = slot.near_offset[axis];
+        far_offset_[axis][i] = slot.far_offset[axis];
+      }
+      t_min_[i] = slot.t_min;
+      limit_[i] = traced ? slot.limit : kNothingMatters;
+    }
+  }
+
+  HWY_ATTR void Traverse() {
+    PacketStack stack{scratch_.keys(), scratch_.refs(), scratch_.parents()};
+    uint32_t size = 0;
+    uint32_t current = ChildRef::Node(0).bits();
+    uint32_t parent = 0;
+    while (true) {
+      const ChildRef ref(current);
+      if (ref.IsLeaf()) {
+        VisitLeaf(ref, parent);
+      } else {
+        size = Push(ref.offset(), stack, size);
+      }
+      // The nearest one that still matters.
+      do {
+        if (size == 0) return;
+        --size;
+      } while (stack.keys[size] > limit_bits_);
+      current = stack.refs[size];
+      parent = stack.parents[size];
+    }
+  }
+
+  struct PacketStack {
+    int32_t* keys;
+    uint32_t* refs;
+    uint32_t* parents;  // the node's offset, of which a leaf is a child
+  };
+
+  // Pushes the children that some ray of the packet may enter. Returns the stack's size.
+  HWY_ATTR HWY_INLINE uint32_t Push(uint32_t node_offset, const PacketStack& stack, uint32_t size) {
+    const DNode d;
+    const std::byte* const node = base_ + node_offset * kUnitBytes;
+    const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
+      return hn::Load(d, reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper));
+    };
+    VNode near = hn::Set(d, least_t_min_), far = hn::Set(d, greatest_limit_);
+    for (int axis = 0; axis < 3; ++axis) {
+      const VNode low = hn::Set(d, inverse_low_[axis]), high = hn::Set(d, inverse_high_[axis]);
+      const VNode to_near = hn::Sub(face(axis, flip_[axis]), hn::Set(d, near_origin_[axis]));
+      const VNode to_far = hn::Sub(face(axis, kUnitBytes - flip_[axis]), hn::Set(d, far_origin_[axis]));
+      const VNode pad = hn::Set(d, pad_[axis]);
+      near = hn::Max(near, hn::Sub(hn::Min(hn::Mul(to_near, low), hn::Mul(to_near, high)), pad));
+      far = hn::Min(far, hn::Add(hn::Max(hn::Mul(to_far, low), hn::Mul(to_far, high)), pad));
+    }
+    const size_t count = PushSorted(node, near, hn::Le(near, far), stack.keys + size, stack.refs + size);
+    for (size_t i = 0; i < count; ++i) stack.parents[size + i] = node_offset;
+    return size + static_cast<uint32_t>(count);
+  }
+
+  // Lets the rays that meet the leaf's box test it.
+  HWY_ATTR HWY_INLINE void VisitLeaf(ChildRef leaf, uint32_t parent) {
+    const DNode d;
+    if (HWY_UNLIKELY(!rays_are_set_up_)) SetUpRays();
+    const std::byte* const node = base_ + parent * kUnitBytes;
+    // Which child of its parent the leaf is, tells where its box is.
+    const hn::RebindToUnsigned<DNode> du;
+    const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
+    const size_t lane = hn::FindFirstTrue(du, hn::Eq(children, hn::Set(du, leaf.bits())));
+    const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
+      return hn::Set(d, *(reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper) + lane));
+    };
+    const VNode near_x = face(0, flip_[0]), near_y = face(1, flip_[1]), near_z = face(2, flip_[2]);
+    const VNode far_x = face(0, kUnitBytes - flip_[0]), far_y = face(1, kUnitBytes - flip_[1]),
+                far_z = face(2, kUnitBytes - flip_[2]);
+    const LeafView view{reinterpret_cast<const float*>(base_ + leaf.offset() * kUnitBytes), leaf.triangles()};
+    bool closer = false;
+    for (size_t first = 0; first < kPacketRays; first += kWidth) {
+      const auto cross = [&](VNode plane, int axis, const float* offset) HWY_ATTR {
+        return hn::MulAdd(plane, hn::Load(d, inverse_[axis] + first), hn::Load(d, offset + first));
+      };
+      const VNode near = hn::Max(hn::Max(cross(near_x, 0, near_offset_[0]), cross(near_y, 1, near_offset_[1])),
+                                 hn::Max(cross(near_z, 2, near_offset_[2]), hn::Load(d, t_min_ + first)));
+      const VNode far = hn::Min(hn::Min(cross(far_x, 0, far_offset_[0]), cross(far_y, 1, far_offset_[1])),
+                                hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, limit_ + first)));
+      uint8_t bits[8] = {};
+      hn::StoreMaskBits(d, hn::Le(near, far), bits);
+      for (uint32_t rest = bits[0] | uint32_t{bits[1]} << 8; rest != 0; rest &= rest - 1) {
+        const size_t i = first + static_cast<size_t>(__builtin_ctz(rest));
+        RaySlot& ray = slots()[i];
+        ray.current = leaf.bits();
+        query_.Visit(ray, view);
+        const float limit = Query::Limit(ray);
+        closer |= limit < limit_[i];
+        limit_[i] = limit;
+      }
+    }
+    if (closer) UpdateLimit();
+  }
+
+  HWY_ATTR HWY_INLINE void UpdateLimit() {
+    const DNode d;
+    VNode greatest = hn::Load(d, limit_);
+    for (size_t i = kWidth; i < kPacketRays; i += kWidth) greatest = hn::Max(greatest, hn::Load(d, limit_ + i));
+    SetGreatestLimit(hn::GetLane(hn::MaxOfLanes(d, greatest)));
+  }
+
+  void SetGreatestLimit(float limit) {
+    greatest_limit_ = limit;
+    int32_t bits;
+    __builtin_memcpy(&bits, &limit, sizeof(bits));
+    limit_bits_ = OrderedBits(bits);
+  }
+
+  static constexpr float kWidestPacket = 0.25f;
+
+  const std::byte* const base_;
+  Query& query_;
+  const Setup setup_;
+  TraversalScratch scratch_;
+
+  std::span<const Ray> rays_;
+  uint32_t first_ = 0;
+  int exponent_ = 0;  // of the directions; see RaySetup
+  bool rays_are_set_up_ = false;
+  // Of all rays together: which faces are near, and bounds of what enters the test.
+  uint32_t flip_[3];
+  float near_origin_[3], far_origin_[3], inverse_low_[3], inverse_high_[3], pad_[3];
+  float least_t_min_ = 0, greatest_limit_ = 0;
+  int32_t limit_bits_ = 0;
+  // Of each ray.
+  HWY_ALIGN float inverse_[3][kPacketRays];
+  HWY_ALIGN float near_offset_[3][kPacketRays];
+  HWY_ALIGN float far_offset_[3][kPacketRays];
+  HWY_ALIGN float t_min_[kPacketRays];
+  HWY_ALIGN float limit_[kPacketRays];
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_PACKET_TRAVERSAL_INL_H_
