@@ -92,6 +92,8 @@ class GrpcServer final : public Server {
     const auto deadline = std::chrono::steady_clock::now() + timeout;
     server_->GetHealthCheckService()->Shutdown();
     calls_.Drain();
+    // A build may take longer than the drain, and ends with it.
+    store_->StopWaiting(DrainingError());
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
