@@ -6,7 +6,10 @@
 #ifndef SERVER_SERVICE_MESSAGE_BYTES_H_
 #define SERVER_SERVICE_MESSAGE_BYTES_H_
 
+#include <cstdint>
+
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "google/protobuf/message_lite.h"
 #include "grpcpp/support/byte_buffer.h"
 
@@ -17,6 +20,9 @@ absl::Status ParseMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite*
 
 // REQUIRES: the message takes less than 2 GiB.
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message);
+
+// RESOURCE_EXHAUSTED where the message takes more than `max_bytes`, which clients need not be ready to receive.
+absl::StatusOr<grpc::ByteBuffer> SerializeReply(const google::protobuf::MessageLite& message, uint64_t max_bytes);
 
 }  // namespace deltaray
 

@@ -37,8 +37,8 @@ class GrpcServer final : public Server {
         store_(std::move(store)),
         disk_(kDiskThreads),
         commits_(kCommitThreads),
-        mesh_handlers_(&calls_,
-                       {store_.get(), &disk_, &commits_, options.store.max_upload_bytes, options.store.mesh_limits}),
+        mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
+                                 options.batch.max_message_bytes}),
         ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch}) {}
 
   ~GrpcServer() override {
@@ -120,7 +120,11 @@ class GrpcServer final : public Server {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
-  absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(options.store);
+  MeshStore::Options store_options = options.store;
+  // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
+  store_options.mesh_limits.max_group_bytes =
+      std::min(store_options.mesh_limits.max_group_bytes, options.batch.max_message_bytes / 4);
+  absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(store_options);
   if (!store.ok()) return store.status();
   return Start(options, *std::move(store));
 }
