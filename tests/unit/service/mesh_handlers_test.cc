@@ -281,7 +281,7 @@ TEST_F(MeshHandlersTest, NamesMoveAndGo) {
   EXPECT_EQ(name("mesh", "", &previous).error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(name("x", "nowhere", &previous).error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(name(a, b, &previous).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_THAT(name("", b, &previous).error_message(), HasSubstr("name: "));
+  EXPECT_THAT(name("", b, &previous).error_message(), HasSubstr("name: a mesh's name has 1 to 128 bytes, not 0"));
 }
 
 TEST_F(MeshHandlersTest, ListsPageByPage) {
