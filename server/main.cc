@@ -120,7 +120,9 @@ int Run(const Flags& flags) {
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  // Both are told by errno too, to the one call that they concern; the signals would end the server.
   signal(SIGPIPE, SIG_IGN);
+  signal(SIGXFSZ, SIG_IGN);
   RaiseFileLimit();
 
   const ServerOptions& options = flags.server;

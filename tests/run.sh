@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # usage: run.sh [--sanitize address,undefined | --sanitize thread] [-- CTEST_ARGUMENT...]
-# Installs what is missing, compiles everything with warnings as errors in a build directory of its own (build-tests,
+# Installs what is missing, compiles everything in a build directory of its own (build-tests, with warnings as errors;
 # build-address, build-thread), and runs all tests. Exit code 0 only if all pass. CC and CXX choose the compiler.
 # Example: tests/run.sh --sanitize thread -- -R '^store/'
 set -euo pipefail
@@ -27,14 +27,16 @@ case "$sanitize" in
   '') build="$root/build-tests" ;;
   address,undefined)
     build="$root/build-address"
-    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=ON "-DDELTARAY_SANITIZE=$sanitize")
+    # gcc warns of what is well where it also adds the sanitizers' checks. And one of the runs shows that all files
+    # compile without precompiled headers.
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_PRECOMPILE=OFF "-DDELTARAY_SANITIZE=$sanitize")
     export ASAN_OPTIONS="detect_stack_use_after_return=1${ASAN_OPTIONS:+:$ASAN_OPTIONS}"
     export UBSAN_OPTIONS="print_stacktrace=1${UBSAN_OPTIONS:+:$UBSAN_OPTIONS}"
     ;;
   thread)
     build="$root/build-thread"
     bash "$root/tests/sanitizers/build_libraries.sh" "$build/libraries"
-    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=ON "-DDELTARAY_SANITIZE=$sanitize"
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo "-DDELTARAY_SANITIZE=$sanitize"
       -DCMAKE_EXE_LINKER_FLAGS="-Wl,--disable-new-dtags,-rpath,$build/libraries/lib")
     export TSAN_OPTIONS="suppressions=$root/tests/sanitizers/tsan.supp second_deadlock_stack=1 ${TSAN_OPTIONS:-}"
     # ThreadSanitizer cannot map its shadow memory where the kernel spreads addresses too widely.

@@ -82,6 +82,11 @@ absl::Status FaceCollector::EnterGroup(Location where) {
     if (mesh_.groups.size() >= limits().max_groups) {
       return OverLimit(where, absl::StrCat("group ", mesh_.groups.size()), "max_groups", limits().max_groups);
     }
+    group_bytes_ += group_name_.size();
+    if (group_bytes_ > limits().max_group_bytes) {
+      return OverLimit(where, absl::StrCat("group names of ", group_bytes_, " bytes in all"), "max_group_bytes",
+                       limits().max_group_bytes);
+    }
     mesh_.groups.push_back(group_name_);
   }
   current_group_ = entry->second;

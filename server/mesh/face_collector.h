@@ -65,6 +65,7 @@ class FaceCollector {
   std::string group_name_;
   bool group_entered_ = true;  // whether current_group_ is the group of group_name_
   uint32_t current_group_ = kNoGroup;
+  uint64_t group_bytes_ = 0;  // of the names of all groups
   absl::flat_hash_map<std::string, uint32_t> group_index_;
 
   // How many vertices the faces need, where that was more than there were; and the first face that needs as many.

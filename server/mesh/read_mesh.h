@@ -29,6 +29,7 @@ struct MeshLimits {
   uint64_t max_line_bytes = 1'048'576;  // bytes of a line of a text format
   uint64_t max_groups = 65'536;
   uint64_t max_group_name_bytes = 1'024;
+  uint64_t max_group_bytes = 16'777'216;  // of the names of all groups
 };
 
 struct ReadMeshOptions {

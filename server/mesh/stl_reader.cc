@@ -17,17 +17,11 @@ namespace {
 constexpr size_t kHeaderBytes = 84;    // 80 bytes of anything, and the number of triangles
 constexpr size_t kTriangleBytes = 50;  // the normal, three corners, and two bytes of attributes
 
-uint64_t BinarySize(absl::string_view bytes) {
-  uint32_t count;
-  std::memcpy(&count, bytes.data() + kHeaderBytes - 4, 4);
-  return kHeaderBytes + uint64_t{count} * kTriangleBytes;
-}
-
 absl::Status ReadBinary(absl::string_view bytes, FaceCollector* collector) {
   if (bytes.size() < kHeaderBytes) {
     return Malformed(Location::Byte(bytes.size()), "a binary STL file has ", kHeaderBytes, " bytes or more");
   }
-  const uint64_t size = BinarySize(bytes);
+  const uint64_t size = BinaryStlSize(bytes);
   const uint64_t count = (size - kHeaderBytes) / kTriangleBytes;
   if (size != bytes.size()) {
     return Malformed(Location::Byte(kHeaderBytes - 4), count, " triangles take ", size, " bytes, but the file has ",
@@ -163,9 +157,14 @@ class AsciiReader {
 
 }  // namespace
 
-bool HasBinaryStlSize(absl::string_view bytes) {
-  return bytes.size() >= kHeaderBytes && BinarySize(bytes) == bytes.size();
+uint64_t BinaryStlSize(absl::string_view bytes) {
+  if (bytes.size() < kHeaderBytes) return 0;
+  uint32_t count;
+  std::memcpy(&count, bytes.data() + kHeaderBytes - 4, 4);
+  return kHeaderBytes + uint64_t{count} * kTriangleBytes;
 }
+
+bool HasBinaryStlSize(absl::string_view bytes) { return !bytes.empty() && BinaryStlSize(bytes) == bytes.size(); }
 
 bool BeginsAsciiStl(absl::string_view line) { return TakeWord("solid", &line); }
 

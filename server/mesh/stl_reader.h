@@ -9,6 +9,9 @@
 
 namespace deltaray {
 
+// The size of the binary STL file of so many triangles as the bytes announce. 0 where they are too few for that.
+uint64_t BinaryStlSize(absl::string_view bytes);
+
 // Whether the bytes are as long as a binary STL file of so many triangles as they announce. No other test is sure: the
 // header of a binary file may well begin with "solid", and text is never that long for what stands in bytes 80 to 83.
 bool HasBinaryStlSize(absl::string_view bytes);

@@ -16,6 +16,9 @@ namespace {
 
 constexpr uint32_t kDefaultPageSize = 100;
 constexpr uint32_t kMaxPageSize = 1000;
+// Bytes of a page besides its meshes, and of a mesh's tag and length, at most.
+constexpr uint64_t kPageOverheadBytes = 100;
+constexpr uint64_t kMeshOverheadBytes = 11;
 
 // A page token is the id of the last mesh of the page before.
 bool IsPageToken(const std::string& token) {
@@ -33,7 +36,7 @@ grpc::ServerReadReactor<grpc::ByteBuffer>* MeshHandlers::UploadMesh(grpc::Callba
 grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetMeshRequest, v1::GetMeshResponse>(
-      calls_, nullptr, request, response,
+      calls_, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::GetMeshRequest& get) -> absl::StatusOr<v1::GetMeshResponse> {
         absl::StatusOr<MeshInfo> info = store->Get(get.mesh());
         if (!info.ok()) return info.status();
@@ -46,8 +49,9 @@ grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext*, co
 grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                    grpc::ByteBuffer* response) {
   return AnswerUnary<v1::ListMeshesRequest, v1::ListMeshesResponse>(
-      calls_, nullptr, request, response,
-      [store = backend_.store](const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
+      calls_, nullptr, backend_.max_message_bytes, request, response,
+      [store = backend_.store, max_bytes = backend_.max_message_bytes](
+          const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
         if (!list.page_token().empty() && !IsPageToken(list.page_token())) {
           return absl::InvalidArgumentError("page_token: not one that this service gave out");
         }
@@ -55,8 +59,17 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*,
         // One more than asked for tells whether there is a next page.
         std::vector<MeshInfo> meshes = store->List(list.page_token(), size + 1);
         v1::ListMeshesResponse reply;
-        for (size_t i = 0; i < std::min<size_t>(meshes.size(), size); ++i) *reply.add_meshes() = ToMessage(meshes[i]);
-        if (meshes.size() > size) reply.set_next_page_token(meshes[size - 1].id);
+        // Meshes of many names may fill a page early.
+        uint64_t bytes = kPageOverheadBytes;
+        for (size_t i = 0; i < meshes.size(); ++i) {
+          v1::Mesh mesh = ToMessage(meshes[i]);
+          bytes += mesh.ByteSizeLong() + kMeshOverheadBytes;
+          if (i == size || (i > 0 && bytes > max_bytes)) {
+            reply.set_next_page_token(meshes[i - 1].id);
+            break;
+          }
+          reply.add_meshes()->Swap(&mesh);
+        }
         return reply;
       });
 }
@@ -64,7 +77,7 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*,
 grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) {
   return AnswerUnary<v1::NameMeshRequest, v1::NameMeshResponse>(
-      calls_, backend_.disk, request, response,
+      calls_, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::NameMeshRequest& name) -> absl::StatusOr<v1::NameMeshResponse> {
         if (absl::Status status = ValidateMeshName(name.name()); !status.ok()) {
           return absl::Status(status.code(), absl::StrCat("name: ", status.message()));
@@ -80,7 +93,7 @@ grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext*, c
 grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                    grpc::ByteBuffer* response) {
   return AnswerUnary<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
-      calls_, backend_.disk, request, response,
+      calls_, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
         absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
         if (!id.ok()) return id.status();
@@ -94,7 +107,7 @@ grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext*,
 grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                     grpc::ByteBuffer* response) {
   return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
-      calls_, backend_.disk, request, response,
+      calls_, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
         absl::StatusOr<Config> config = ReadBuildOptions(rebuild.build_options());
         if (!config.ok()) return config.status();
@@ -114,7 +127,7 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::Callb
 grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
                                                       grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetBuildStatsRequest, v1::GetBuildStatsResponse>(
-      calls_, nullptr, request, response,
+      calls_, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::GetBuildStatsRequest& stats) -> absl::StatusOr<v1::GetBuildStatsResponse> {
         absl::StatusOr<MeshInfo> info = store->Get(stats.mesh());
         if (!info.ok()) return info.status();

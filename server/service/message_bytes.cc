@@ -40,4 +40,12 @@ grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message, 
   return {slices, 2};
 }
 
+absl::StatusOr<grpc::ByteBuffer> SerializeReply(const google::protobuf::MessageLite& message, uint64_t max_bytes) {
+  if (const size_t size = message.ByteSizeLong(); size > max_bytes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the reply of ", size, " bytes is over the limit of ", max_bytes, " bytes a message"));
+  }
+  return SerializeMessage(message);
+}
+
 }  // namespace deltaray

@@ -6,7 +6,10 @@
 #ifndef SERVER_SERVICE_MESSAGE_BYTES_H_
 #define SERVER_SERVICE_MESSAGE_BYTES_H_
 
+#include <cstdint>
+
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "google/protobuf/message_lite.h"
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/slice.h"
@@ -21,6 +24,8 @@ grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message);
 
 // The message that has all fields of `message`, and `value`, a message in its bytes, as its field `number`, below 16.
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message, int number, grpc::Slice value);
+// RESOURCE_EXHAUSTED where the message takes more than `max_bytes`, which clients need not be ready to receive.
+absl::StatusOr<grpc::ByteBuffer> SerializeReply(const google::protobuf::MessageLite& message, uint64_t max_bytes);
 
 }  // namespace deltaray
 

@@ -37,8 +37,8 @@ class GrpcServer final : public Server {
         store_(std::move(store)),
         disk_(kDiskThreads),
         commits_(kCommitThreads),
-        mesh_handlers_(&calls_,
-                       {store_.get(), &disk_, &commits_, options.store.max_upload_bytes, options.store.mesh_limits}),
+        mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
+                                 options.batch.max_message_bytes}),
         ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch}) {}
 
   ~GrpcServer() override {
@@ -92,6 +92,8 @@ class GrpcServer final : public Server {
     const auto deadline = std::chrono::steady_clock::now() + timeout;
     server_->GetHealthCheckService()->Shutdown();
     calls_.Drain();
+    // A build may take longer than the drain, and ends with it.
+    store_->StopWaiting(DrainingError());
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
@@ -118,7 +120,11 @@ class GrpcServer final : public Server {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
-  absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(options.store);
+  MeshStore::Options store_options = options.store;
+  // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
+  store_options.mesh_limits.max_group_bytes =
+      std::min(store_options.mesh_limits.max_group_bytes, options.batch.max_message_bytes / 4);
+  absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(store_options);
   if (!store.ok()) return store.status();
   return Start(options, *std::move(store));
 }

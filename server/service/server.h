@@ -45,7 +45,8 @@ class Server {
   // Threads that trace.
   virtual uint32_t threads() const = 0;
 
-  // Ends the server: health says NOT_SERVING, new calls are refused with UNAVAILABLE, batches under way are answered,
+  // Ends the server: health says NOT_SERVING, new calls are refused with UNAVAILABLE, as are batches that wait for
+  // a build; other batches under way are answered,
   // uploads, watches and idle streams end with UNAVAILABLE. What is left after drain_timeout is cut off. Returns once
   // no call is left. False: something was cut off.
   virtual bool Drain() = 0;

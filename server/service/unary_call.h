@@ -38,20 +38,23 @@ class UnaryCall : public CallReactor<grpc::ServerUnaryReactor> {
 };
 
 // Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block.
+// A reply of more than max_reply_bytes becomes RESOURCE_EXHAUSTED.
 template <typename Request, typename Response>
-grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, WorkerPool* pool, const grpc::ByteBuffer* request,
-                                      grpc::ByteBuffer* response,
+grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, WorkerPool* pool, uint64_t max_reply_bytes,
+                                      const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
                                       std::function<absl::StatusOr<Response>(const Request&)> handler) {
   auto call = std::make_shared<UnaryCall>(calls, response);
   if (!UnaryCall::Admit(call)) return call.get();
-  auto answer = [call, bytes = *request, handler = std::move(handler)] {
+  auto answer = [call, max_reply_bytes, bytes = *request, handler = std::move(handler)] {
     grpc::ByteBuffer reply;
     const absl::Status status = CatchExceptions([&]() -> absl::Status {
       Request message;
       if (absl::Status status = ParseMessage(bytes, &message); !status.ok()) return status;
-      absl::StatusOr<Response> answer = handler(message);
-      if (answer.ok()) reply = SerializeMessage(*answer);
-      return answer.status();
+      const absl::StatusOr<Response> answer = handler(message);
+      if (!answer.ok()) return answer.status();
+      absl::StatusOr<grpc::ByteBuffer> bytes = SerializeReply(*answer, max_reply_bytes);
+      if (bytes.ok()) reply.Swap(&*bytes);
+      return bytes.status();
     });
     call->Reply(status, std::move(reply));
   };

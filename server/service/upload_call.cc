@@ -88,7 +88,6 @@ absl::Status UploadCall::Commit() {
   if (upload_ == nullptr) {
     return absl::InvalidArgumentError("the upload has no first message, which must hold header");
   }
-  options_.read.limits = backend_.mesh_limits;
   options_.read.cancelled = [this] { return cancelled(); };
   absl::StatusOr<Upload::Committed> committed = upload_->Commit(std::move(options_));
   if (!committed.ok()) return committed.status();
@@ -98,10 +97,14 @@ absl::Status UploadCall::Commit() {
   v1::UploadMeshResponse response;
   *response.mutable_mesh() = ToMessage(committed->info);
   response.set_created(committed->created);
-  grpc::ByteBuffer bytes = SerializeMessage(response);
+  absl::StatusOr<grpc::ByteBuffer> bytes = SerializeReply(response, backend_.max_message_bytes);
+  if (!bytes.ok()) {
+    return absl::Status(bytes.status().code(),
+                        absl::StrCat("mesh ", committed->info.id, " is stored, but ", bytes.status().message()));
+  }
   MutexLock lock(mutex_);
   if (finished_) return absl::OkStatus();
-  response_->Swap(&bytes);
+  response_->Swap(&*bytes);
   FinishOnce(absl::OkStatus());
   return absl::OkStatus();
 }

@@ -20,7 +20,7 @@ struct UploadBackend {
   WorkerPool* disk;     // writes chunks
   WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
   uint64_t max_upload_bytes;
-  MeshLimits mesh_limits;
+  uint64_t max_message_bytes;  // of a reply
 };
 
 // Takes the messages one at a time: the next one is read once the one before is written. A message of a cancelled

@@ -66,6 +66,8 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
       answer = AnswerFrom(*run);
     } else if (current_ && !current_->status().ok()) {
       answer = BuildFailure(current_->status());
+    } else if (!no_waiting_.ok()) {
+      answer = no_waiting_;
     } else {
       waiters_.push_back({final, std::move(callback)});
       if (!current_) StartRun(config_, nullptr);
@@ -73,6 +75,16 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
     }
   }
   callback(std::move(answer));
+}
+
+void MeshEntry::StopWaiting(const absl::Status& status) {
+  std::vector<Waiter> waiters;
+  {
+    MutexLock lock(mutex_);
+    no_waiting_ = status;
+    waiters.swap(waiters_);
+  }
+  for (Waiter& waiter : waiters) waiter.callback(status);
 }
 
 BuildReport MeshEntry::Watch() {

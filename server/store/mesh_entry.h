@@ -43,6 +43,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   void Rebuild(const Config& config, std::shared_ptr<const TriangleMesh> mesh);
   // MeshStore::WithTree.
   void WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback);
+  // MeshStore::StopWaiting.
+  void StopWaiting(const absl::Status& status);
   // MeshStore::Watch: starts the build of a mesh that is only stored.
   BuildReport Watch();
   // MeshStore::Statistics.
@@ -87,6 +89,7 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   std::shared_ptr<BuildRun> answering_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<BuildRun> finished_ ABSL_GUARDED_BY(mutex_);
   std::vector<Waiter> waiters_ ABSL_GUARDED_BY(mutex_);
+  absl::Status no_waiting_ ABSL_GUARDED_BY(mutex_);  // what those who would have to wait get, where not OK
 };
 
 }  // namespace deltaray

@@ -29,13 +29,13 @@ bool IsMeshId(absl::string_view text) {
 absl::Status ValidateMeshName(absl::string_view name) {
   if (name.empty() || name.size() > kMaxNameBytes) {
     return absl::InvalidArgumentError(
-        absl::StrCat("name: has ", name.size(), " bytes; a mesh's name has 1 to ", kMaxNameBytes));
+        absl::StrCat("a mesh's name has 1 to ", kMaxNameBytes, " bytes, not ", name.size()));
   }
   if (ToValidUtf8(name) != name || HasWideControl(name)) {
-    return absl::InvalidArgumentError("name: is not UTF-8 without control characters");
+    return absl::InvalidArgumentError("a mesh's name is UTF-8 without control characters");
   }
   if (IsMeshId(name)) {
-    return absl::InvalidArgumentError("name: has the form of a mesh id (64 lower-case hexadecimal digits)");
+    return absl::InvalidArgumentError("a mesh's name has not the form of a mesh id (64 lower-case hexadecimal digits)");
   }
   return absl::OkStatus();
 }

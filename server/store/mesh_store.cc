@@ -32,6 +32,7 @@ class Store final : public MeshStore {
   absl::StatusOr<std::string> Delete(absl::string_view mesh) override;
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override;
   void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) override;
+  void StopWaiting(const absl::Status& status) override;
   void NoteAnswer(const Answer& answer) override;
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh) override;
   absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const override;
@@ -60,6 +61,7 @@ class Store final : public MeshStore {
   // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh.
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
+  std::vector<std::shared_ptr<MeshEntry>> Entries() const;
   // Points a name at a mesh, in memory; with an empty id takes it away. Returns the id it pointed at before.
   std::string MoveName(const std::string& name, const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -72,6 +74,7 @@ class Store final : public MeshStore {
   mutable Mutex mutex_;
   std::map<std::string, Stored, std::less<>> meshes_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::string, std::less<>> names_ ABSL_GUARDED_BY(mutex_);
+  absl::Status no_waiting_ ABSL_GUARDED_BY(mutex_);  // of StopWaiting, for entries to come
 };
 
 class StoreUpload final : public Upload {
@@ -107,12 +110,7 @@ Store::Store(Options options, DataDirectory directory, DataDirectory::Contents c
 }
 
 Store::~Store() {
-  std::vector<std::shared_ptr<MeshEntry>> entries;
-  {
-    MutexLock lock(mutex_);
-    for (const auto& [id, stored] : meshes_) entries.push_back(stored.entry);
-  }
-  for (const auto& entry : entries) entry->Close(absl::UnavailableError("the server is shutting down"));
+  for (const auto& entry : Entries()) entry->Close(absl::UnavailableError("the server is shutting down"));
   queue_.Stop();
 }
 
@@ -155,6 +153,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
         MeshInfo info = upload.info;
         info.config = upload.config ? *upload.config : slot.entry ? slot.entry->config() : Config();
         slot.entry = entry = std::make_shared<MeshEntry>(std::move(info), directory_.MeshPath(id), &queue_);
+        if (!no_waiting_.ok()) entry->StopWaiting(no_waiting_);
       }
       if (!upload.name.empty()) MoveName(upload.name, id);
       stored = slot;
@@ -283,6 +282,14 @@ void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl
   stored->entry->WithTree(final, std::move(callback));
 }
 
+void Store::StopWaiting(const absl::Status& status) {
+  {
+    MutexLock lock(mutex_);
+    no_waiting_ = status;
+  }
+  for (const auto& entry : Entries()) entry->StopWaiting(status);
+}
+
 void Store::NoteAnswer(const Answer& answer) {
   if (answer.first_answer) answer.first_answer->Note();
 }
@@ -317,6 +324,13 @@ absl::StatusOr<Store::Stored> Store::Find(absl::string_view mesh) const {
 std::shared_ptr<MeshEntry> Store::FindWhole(const std::string& id) const {
   const absl::StatusOr<Stored> stored = Find(id);
   return stored.ok() && !stored->entry->file_is_lost() ? stored->entry : nullptr;
+}
+
+std::vector<std::shared_ptr<MeshEntry>> Store::Entries() const {
+  std::vector<std::shared_ptr<MeshEntry>> entries;
+  MutexLock lock(mutex_);
+  for (const auto& [id, stored] : meshes_) entries.push_back(stored.entry);
+  return entries;
 }
 
 std::string Store::MoveName(const std::string& name, const std::string& id) {

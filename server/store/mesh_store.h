@@ -129,6 +129,10 @@ class MeshStore {
   // thread, or later, on another; it must not block. FAILED_PRECONDITION where the build failed.
   virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) = 0;
 
+  // From now on nobody waits for a tree: the callbacks that do, and later ones for which there is no tree, get
+  // `status`. Builds go on.
+  virtual void StopWaiting(const absl::Status& status) = 0;
+
   // Notes that a ray was answered from the mesh's current build, for BuildStats.first_answer_seconds. Cheap.
   virtual void NoteAnswer(const Answer& answer) = 0;
 

@@ -7,6 +7,7 @@ scratch=$(mktemp -d)
 data="$scratch/data"
 server=
 address=
+launcher=() # what the server is started with: a command that becomes it
 
 finish() {
   local code=$?
@@ -35,7 +36,7 @@ need_file() {
 # start_server: returns once the server listens. Sets $server (process) and $address.
 start_server() {
   rm -f "$scratch/port"
-  "$bin/deltarayd" --listen 127.0.0.1:0 --port-file "$scratch/port" --data-dir "$data" >>"$scratch/server.log" 2>&1 &
+  "${launcher[@]}" "$bin/deltarayd" --listen 127.0.0.1:0 --port-file "$scratch/port" --data-dir "$data" >>"$scratch/server.log" 2>&1 &
   server=$!
   local i
   for i in $(seq 600); do

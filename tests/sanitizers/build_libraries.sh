@@ -8,12 +8,13 @@
 # for its other packages; the system itself is not touched. Needs no root.
 set -euo pipefail
 
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 directory=$(mkdir -p "$1/lib" && cd "$1" && pwd)
 cd "$directory"
 compiler=${CXX:-c++}
 c_compiler=${CC:-cc}
-# Enough for readable stacks; more would double the time.
-flags="-O1 -g1 -DNDEBUG -fsanitize=thread -fno-omit-frame-pointer -w"
+# Stacks in these libraries show functions without lines; debugging information would cost more time than it is worth.
+flags="-O1 -DNDEBUG -fsanitize=thread -fno-omit-frame-pointer -w"
 
 # Asks the system's own mirrors for sources, with lists of its own.
 apt=()
@@ -55,7 +56,8 @@ build() {
 
 build libtbb-dev tbb -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF
 build libabsl-dev all -DBUILD_TESTING=OFF
-build libgrpc++-dev grpc++ -DgRPC_INSTALL=OFF -DgRPC_BUILD_TESTS=OFF -DgRPC_BUILD_CODEGEN=OFF \
+build libgrpc++-dev grpc++ -DCMAKE_PROJECT_grpc_INCLUDE="$here/grpc_parts.cmake" \
+  -DgRPC_INSTALL=OFF -DgRPC_BUILD_TESTS=OFF -DgRPC_BUILD_CODEGEN=OFF \
   -DgRPC_ABSL_PROVIDER=package -DgRPC_CARES_PROVIDER=package -DgRPC_PROTOBUF_PROVIDER=package \
   -DgRPC_RE2_PROVIDER=package -DgRPC_SSL_PROVIDER=package -DgRPC_ZLIB_PROVIDER=package \
   -DProtobuf_PROTOC_LIBRARY=unused

@@ -172,6 +172,10 @@ TEST(ObjReaderTest, HoldsToTheLimits) {
   limits = {};
   limits.max_group_name_bytes = 4;
   over(start + "g abcd\ng abcde\n", {"line 6", "5 bytes", "max_group_name_bytes = 4"}, limits);
+  limits = {};
+  limits.max_group_bytes = 4;
+  over(start + "g ab\nf 1 2 3\ng cd\nf 1 2 3\ng ab\nf 1 2 3\ng e\nf 1 2 3\n",
+       {"line 12", "5 bytes", "max_group_bytes = 4"}, limits);
 }
 
 TEST(ObjReaderTest, KeepsAtMostAHundredWarnings) {

@@ -65,6 +65,8 @@ TEST(ReadMeshTest, RefusesWhatItCanNotTell) {
   ExpectRefused("hello\n", MeshFormat::kDetect, code, {"line 1", "can not be told", "\"hello\""});
   ExpectRefused("plywood\n", MeshFormat::kDetect, code, {"line 1", "can not be told"});
   ExpectRefused(std::string("\x89PNG\r\n\x1A\n\0", 9), MeshFormat::kDetect, code, {"\"\\x89PNG\""});
+  ExpectRefused(std::string(80, 'x') + std::string("\2\0\0\0", 4) + std::string(50, '\0'), MeshFormat::kDetect, code,
+                {"can not be told", "a binary STL file it would have 184 bytes, not 134"});
   ExpectRefused("\xFF\xFEv\0 \0", MeshFormat::kDetect, code, {"byte 0", "UTF-16"});
   ExpectRefused(std::string(2'000'000, 'x'), MeshFormat::kDetect, absl::StatusCode::kResourceExhausted,
                 {"line 1", "max_line_bytes = 1048576"});

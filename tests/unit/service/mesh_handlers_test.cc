@@ -281,7 +281,7 @@ TEST_F(MeshHandlersTest, NamesMoveAndGo) {
   EXPECT_EQ(name("mesh", "", &previous).error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(name("x", "nowhere", &previous).error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(name(a, b, &previous).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_THAT(name("", b, &previous).error_message(), HasSubstr("name: "));
+  EXPECT_THAT(name("", b, &previous).error_message(), HasSubstr("name: a mesh's name has 1 to 128 bytes, not 0"));
 }
 
 TEST_F(MeshHandlersTest, ListsPageByPage) {
@@ -307,6 +307,74 @@ TEST_F(MeshHandlersTest, ListsPageByPage) {
   grpc::ClientContext context;
   v1::ListMeshesResponse page;
   EXPECT_THAT(meshes_->ListMeshes(&context, request, &page).error_message(), HasSubstr("page_token"));
+}
+
+TEST_F(MeshHandlersTest, PagesKeepToTheLimitOnMessages) {
+  options_.batch.max_message_bytes = 1 << 16;
+  Start();
+  // Two meshes with some 25,000 bytes of warnings each fit on a page, three do not.
+  std::set<std::string> ids;
+  for (int i = 0; i < 3; ++i) {
+    std::string obj = absl::StrCat("v 0 0 ", i, "\nv 1 0 0\nv 0 1 0\n");
+    for (int k = 0; k < 99; ++k) obj += "g " + std::string(40, '\xFF') + "\nf 1 2 3\n";
+    v1::UploadMeshResponse response;
+    ASSERT_TRUE(Upload(obj, {}, &response).ok());
+    ids.insert(response.mesh().id());
+  }
+  std::set<std::string> listed;
+  v1::ListMeshesRequest request;
+  int pages = 0;
+  do {
+    grpc::ClientContext context;
+    v1::ListMeshesResponse page;
+    ASSERT_TRUE(meshes_->ListMeshes(&context, request, &page).ok());
+    EXPECT_LE(page.ByteSizeLong(), options_.batch.max_message_bytes);
+    for (const v1::Mesh& mesh : page.meshes()) listed.insert(mesh.id());
+    request.set_page_token(page.next_page_token());
+    ++pages;
+  } while (!request.page_token().empty() && pages < 10);
+  EXPECT_EQ(pages, 2);
+  EXPECT_EQ(listed, ids);
+}
+
+// An OBJ file whose groups have names of some 200 bytes each.
+std::string GroupsObj(int count) {
+  std::string obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  for (int i = 0; i < count; ++i) absl::StrAppend(&obj, "g ", i, std::string(200, 'x'), "\nf 1 2 3\n");
+  return obj;
+}
+
+// The server was started with a lower limit since the mesh was stored.
+TEST_F(MeshHandlersTest, MeshesThatFitNoReplySayWhy) {
+  options_.batch.max_message_bytes = 1 << 16;
+  Start();
+  v1::UploadMeshResponse uploaded;
+  v1::UploadHeader header;
+  header.set_name("groups");
+  const grpc::Status upload = Upload(GroupsObj(400), header, &uploaded);
+  grpc::ClientContext context;
+  v1::GetMeshRequest request;
+  request.set_mesh("groups");
+  v1::GetMeshResponse response;
+  const grpc::Status get = meshes_->GetMesh(&context, request, &response);
+  for (const grpc::Status& status : {upload, get}) {
+    EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_THAT(status.error_message(), HasSubstr("the reply of "));
+    EXPECT_THAT(status.error_message(), HasSubstr("limit of 65536 bytes"));
+  }
+  EXPECT_THAT(upload.error_message(), HasSubstr("is stored"));
+}
+
+TEST_F(MeshHandlersTest, GroupsThatNoReplyCouldHoldAreRefused) {
+  options_.batch.max_message_bytes = 1 << 16;
+  absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options_);
+  ASSERT_TRUE(server.ok()) << server.status();
+  server_ = *std::move(server);
+  meshes_ = v1::MeshService::NewStub(Connect());
+  v1::UploadMeshResponse response;
+  const grpc::Status status = Upload(GroupsObj(100), {}, &response);
+  EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(status.error_message(), HasSubstr("max_group_bytes = 16384"));
 }
 
 TEST_F(MeshHandlersTest, UnknownMeshesAreNotFound) {

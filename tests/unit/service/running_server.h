@@ -88,6 +88,7 @@ class HookedStore final : public MeshStore {
       callback(std::move(answer));
     });
   }
+  void StopWaiting(const absl::Status& status) override { inner_->StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override { inner_->NoteAnswer(answer); }
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh) override {
     absl::StatusOr<BuildReport> report = inner_->Watch(mesh);

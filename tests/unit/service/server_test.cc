@@ -145,6 +145,46 @@ TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
   EXPECT_FALSE(stream->Finish().ok());
   enough = true;
+  server_.reset();  // before what its threads look at is gone
+}
+
+TEST_F(ServerTest, DrainDoesNotWaitForABuild) {
+  std::atomic<bool> enough{false};
+  options_.store.on_delta_leaf = [&] {
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  Start();
+  UploadSquares(100, 0, "squares");
+  v1::RayQuery query;
+  query.set_wait(v1::BUILD_WAIT_FINAL);
+  auto cast = std::async(std::launch::async, [&] {
+    grpc::ClientContext context;
+    v1::CastRaysRequest request;
+    request.set_mesh("squares");
+    *request.mutable_query() = query;
+    request.mutable_rays()->set_rays(SlowRays(10));
+    v1::CastRaysResponse response;
+    return rays_->CastRays(&context, request, &response);
+  });
+  grpc::ClientContext context;
+  auto stream = rays_->StreamRays(&context);
+  v1::StreamRaysRequest request;
+  request.mutable_start()->set_mesh("squares");
+  *request.mutable_start()->mutable_query() = query;
+  stream->Write(request);
+  request.mutable_rays()->set_rays(SlowRays(10));
+  stream->Write(request);
+  EXPECT_EQ(cast.wait_for(std::chrono::milliseconds(200)), std::future_status::timeout);
+
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_TRUE(server_->Drain());
+  EXPECT_LT(std::chrono::steady_clock::now() - start, options_.drain_timeout / 2);
+  for (const grpc::Status& status : {cast.get(), stream->Finish()}) {
+    EXPECT_EQ(status.error_code(), StatusCode::UNAVAILABLE);
+    EXPECT_THAT(status.error_message(), HasSubstr("draining"));
+  }
+  enough = true;
+  server_.reset();  // before what its threads look at is gone
 }
 
 TEST_F(ServerTest, WatchersOfHealthDoNotHoldUpTheDrain) {

@@ -100,6 +100,27 @@ TEST_F(MeshEntryTest, TheProvisionalTreeAnswersBeforeTheFinalOneStands) {
   EXPECT_GT(store_->Statistics(id)->statistics.total_seconds, store_->Statistics(id)->first_answer_seconds);
 }
 
+TEST_F(MeshEntryTest, OnceNobodyMayWaitOnlyTreesThatStandAnswer) {
+  gate_.Close();
+  const std::string first = Upload(1);
+  auto waits = FutureTree(*store_, first, true);
+  ASSERT_TRUE(AwaitTree(*store_, first, false).ok());
+  EXPECT_FALSE(IsReady(waits));
+
+  store_->StopWaiting(absl::UnavailableError("enough"));
+  EXPECT_EQ(waits.get().status(), absl::UnavailableError("enough"));
+  EXPECT_TRUE(AwaitTree(*store_, first, false).ok());
+  // The second one waits in the queue, which builds one mesh at a time.
+  for (const auto& late : {FutureTree(*store_, first, true).share(), FutureTree(*store_, Upload(2), false).share()}) {
+    ASSERT_TRUE(IsReady(late));
+    EXPECT_EQ(late.get().status(), absl::UnavailableError("enough"));
+  }
+
+  gate_.Open();
+  AwaitState(first, MeshState::kReady);
+  EXPECT_TRUE(AwaitTree(*store_, first, true).ok());
+}
+
 TEST_F(MeshEntryTest, TheOldTreesAnswerUntilTheNewOnesCan) {
   const std::string id = Upload(1);
   const auto old_final = AwaitTree(*store_, id, true);

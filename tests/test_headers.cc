@@ -1,0 +1,1 @@
+// Compiles nothing: its library holds the precompiled headers of tests.
