@@ -1,5 +1,8 @@
 #include "server/build/reference.h"
 
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
@@ -15,20 +18,35 @@ namespace deltaray {
 namespace {
 
 constexpr size_t kCacheLine = 64;
+constexpr size_t kHugePage = size_t{2} << 20;
 constexpr size_t kBlockReferences = 4096;
 
 int64_t Bytes(size_t references) { return static_cast<int64_t>(references * sizeof(Reference)); }
 
-// Whole cache lines.
+// Large arrays begin with a huge page.
+size_t AlignmentOf(size_t references) { return references * sizeof(Reference) < kHugePage ? kCacheLine : kHugePage; }
+
+// A multiple of the alignment.
 size_t AllocatedBytes(size_t references) {
-  return (std::max<size_t>(references, 1) * sizeof(Reference) + kCacheLine - 1) / kCacheLine * kCacheLine;
+  const size_t alignment = AlignmentOf(references);
+  return (std::max<size_t>(references, 1) * sizeof(Reference) + alignment - 1) / alignment * alignment;
+}
+
+Reference* Allocate(size_t references) {
+  const size_t bytes = AllocatedBytes(references);
+  void* const data = std::aligned_alloc(AlignmentOf(references), bytes);
+  if (data == nullptr) throw std::bad_alloc();
+#ifdef __linux__
+  // Many small pages take as long to be given back as a cancel may last on a large mesh. Only advice: it may fail.
+  if (bytes >= kHugePage) madvise(data, bytes, MADV_HUGEPAGE);
+#endif
+  return static_cast<Reference*>(data);
 }
 
 }  // namespace
 
 ReferenceArray::ReferenceArray(size_t capacity, BuildContext& context)
-    : data_(static_cast<Reference*>(std::aligned_alloc(kCacheLine, AllocatedBytes(capacity)))), capacity_(capacity) {
-  if (data_ == nullptr) throw std::bad_alloc();
+    : data_(Allocate(capacity)), capacity_(capacity) {
   context_ = &context;
   context_->CountBytes(Bytes(capacity_));
 }
