@@ -15,10 +15,10 @@ constexpr double kCornerRounding = 0x1p-50;
 class Polygon {
  public:
   explicit Polygon(const Triangle& triangle) : bounds_(triangle.GetBounds()), size_(3) {
-    corners_[0] = static_cast<Vec3d>(triangle.v0);
-    corners_[1] = static_cast<Vec3d>(triangle.v1);
-    corners_[2] = static_cast<Vec3d>(triangle.v2);
     for (int axis = 0; axis < 3; ++axis) {
+      corners_[0][axis] = triangle.v0[axis];
+      corners_[1][axis] = triangle.v1[axis];
+      corners_[2][axis] = triangle.v2[axis];
       step_[axis] = kCornerRounding * std::max(std::abs(static_cast<double>(bounds_.min[axis])),
                                                std::abs(static_cast<double>(bounds_.max[axis])));
     }
@@ -36,20 +36,20 @@ class Polygon {
   void Clip(int axis, double position, double side) {
     // Cut a little beyond the plane, so that what is cut away lies beyond it for certain in spite of the errors.
     const double limit = side * position + error_[axis] + 2 * step_[axis];
-    std::array<Vec3d, kMaxCorners> kept;
+    Corners kept;
     int kept_size = 0;
     for (int i = 0; i < size_; ++i) {
-      const Vec3d& a = corners_[i];
-      const Vec3d& b = corners_[i + 1 == size_ ? 0 : i + 1];
+      const Corner& a = corners_[i];
+      const Corner& b = corners_[i + 1 == size_ ? 0 : i + 1];
       const double a_side = side * a[axis], b_side = side * b[axis];
       if (a_side <= limit) kept[kept_size++] = a;
       if (a_side <= limit && b_side > limit) {
-        kept[kept_size++] = a + ((limit - a_side) / (b_side - a_side)) * (b - a);
+        kept[kept_size++] = Between(a, b, (limit - a_side) / (b_side - a_side));
       } else if (a_side > limit && b_side <= limit) {
-        kept[kept_size++] = b + ((limit - b_side) / (a_side - b_side)) * (a - b);
+        kept[kept_size++] = Between(b, a, (limit - b_side) / (a_side - b_side));
       }
     }
-    corners_ = kept;
+    std::copy_n(kept.begin(), kept_size, corners_.begin());
     size_ = kept_size;
     error_ = error_ + step_;
   }
@@ -74,6 +74,13 @@ class Polygon {
   // A cut adds at most one corner for each two that there are: 3, 4, 6, 9, 13, 19, 28 and 42 after seven cuts. Exactly
   // convex polygons would stay below 10; rounding may make them a little uneven.
   static constexpr int kMaxCorners = 42;
+  // Uninitialised: filling them would take longer than a cut does.
+  using Corner = std::array<double, 3>;
+  using Corners = std::array<Corner, kMaxCorners>;
+
+  static Corner Between(const Corner& a, const Corner& b, double ratio) {
+    return {a[0] + ratio * (b[0] - a[0]), a[1] + ratio * (b[1] - a[1]), a[2] + ratio * (b[2] - a[2])};
+  }
 
   static float RoundDown(double x) {
     const float f = static_cast<float>(x);
@@ -87,7 +94,7 @@ class Polygon {
   Bounds bounds_;
   Vec3d step_;   // the rounding that one cut may add
   Vec3d error_;  // the sum of it
-  std::array<Vec3d, kMaxCorners> corners_;
+  Corners corners_;
   int size_;
 };
 
