@@ -15,22 +15,19 @@
 
 namespace deltaray {
 
-// Adds each reference to `sum` by T::Add(const Reference&); parts begin as copies of what `sum` is at first and are put
-// together by T::Merge(const T&), in order. The result does not depend on threads where Merge is associative and adding
-// a copy of the first value changes nothing. Anything where the build is cancelled.
+// Adds references to `sum` by T::Add(std::span<const Reference>); parts begin as copies of what `sum` is at first and
+// are put together by T::Merge(const T&), in order. The result does not depend on threads where Merge is associative
+// and adding a copy of the first value changes nothing. Anything where the build is cancelled.
 template <typename T>
 void ReduceReferences(std::span<const Reference> references, T* sum, BuildContext& context) {
   constexpr size_t kGrain = 8192;
-  const auto add = [](std::span<const Reference> part, T* part_sum) {
-    for (const Reference& reference : part) part_sum->Add(reference);
-  };
-  if (references.size() <= kGrain) return add(references, sum);
+  if (references.size() <= kGrain) return sum->Add(references);
   *sum = tbb::parallel_reduce(
       tbb::blocked_range<size_t>(0, references.size(), kGrain), *sum,
       [&](const tbb::blocked_range<size_t>& range, T part_sum) {
         if (context.cancelled()) return part_sum;
         const BuildContext::CpuTime time(context);
-        add(references.subspan(range.begin(), range.size()), &part_sum);
+        part_sum.Add(references.subspan(range.begin(), range.size()));
         return part_sum;
       },
       [](T left, const T& right) {
@@ -44,10 +41,12 @@ struct BoundsSum {
   PackedBounds bounds;
   PackedBounds half_centres;
 
-  void Add(const Reference& reference) {
-    const PackedBounds packed = reference.packed_bounds();
-    bounds.Extend(packed);
-    half_centres.Extend(packed.HalfCentre());
+  void Add(std::span<const Reference> references) {
+    for (const Reference& reference : references) {
+      const PackedBounds packed = reference.packed_bounds();
+      bounds.Extend(packed);
+      half_centres.Extend(packed.HalfCentre());
+    }
   }
   void Merge(const BoundsSum& other) {
     bounds.Extend(other.bounds);

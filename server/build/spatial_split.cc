@@ -92,6 +92,10 @@ struct SpatialBins {
   const std::array<std::array<float, kBins>, 3>* planes;
   std::array<std::array<SpatialBin, kBins>, 3> bins;
 
+  void Add(std::span<const Reference> references) {
+    for (const Reference& reference : references) Add(reference);
+  }
+
   void Add(const Reference& reference) {
     const PackedBounds packed = reference.packed_bounds();
     const BinRange range(*points, packed);

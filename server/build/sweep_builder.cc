@@ -51,7 +51,7 @@ class SweepBuilder {
     // Sorted once, by places of centres within the box with indices in the low bits; splits keep the order of each
     // side.
     BoundsSum sum;
-    for (const Reference& reference : references) sum.Add(reference);
+    sum.Add(references);
     const int index_bits = std::bit_width(count - 1);
     const PointBins places(sum.half_centres, 1 << std::min(31 - index_bits, 24));  // float has 24 bits
     std::array<Array<int32_t>, 3> keys{Array<int32_t>(count), Array<int32_t>(count), Array<int32_t>(count)};
