@@ -14,11 +14,32 @@ namespace {
 
 constexpr DeltaLeafCandidate kAll[] = {DeltaLeafCandidate::kCombinedCost, DeltaLeafCandidate::kAreaOnly,
                                        DeltaLeafCandidate::kDistanceOnly, DeltaLeafCandidate::kTopDown};
+// The two that win nearly always.
+constexpr DeltaLeafCandidate kBalancedOnes[] = {DeltaLeafCandidate::kCombinedCost, DeltaLeafCandidate::kTopDown};
 constexpr DeltaLeafCandidate kFastOnes[] = {DeltaLeafCandidate::kTopDown};
 
 std::span<const DeltaLeafCandidate> CandidatesOf(Preset preset) {
-  if (preset == Preset::kFast) return kFastOnes;
+  switch (preset) {
+    case Preset::kFast:
+      return kFastOnes;
+    case Preset::kBalanced:
+      return kBalancedOnes;
+    case Preset::kBest:
+      break;
+  }
   return kAll;
+}
+
+// All references in one leaf.
+BvhArrays OneLeaf(std::span<const Reference> references) {
+  BvhArrays arrays;
+  Bounds bounds;
+  for (const Reference& reference : references) {
+    bounds.Extend(reference.bounds);
+    arrays.references.push_back(reference.primitive);
+  }
+  arrays.nodes.push_back({bounds, 0, static_cast<uint32_t>(references.size())});
+  return arrays;
 }
 
 Dendrogram BuildCandidate(DeltaLeafCandidate candidate, std::span<const Reference> references,
@@ -37,6 +58,8 @@ Dendrogram BuildCandidate(DeltaLeafCandidate candidate, std::span<const Referenc
 
 BvhArrays BuildDeltaLeaf(std::span<const Reference> references, const Bounds& mesh_bounds, const Config& config,
                          BuildContext& context) {
+  // What fits in a leaf is one where the build must be fast: no tree is looked for in it.
+  if (config.preset == Preset::kFast && references.size() <= config.max_leaf_size) return OneLeaf(references);
   const SahCosts costs(config);
   std::optional<Dendrogram> best;
   double best_cost = 0;

@@ -15,9 +15,9 @@ namespace deltaray {
 
 // Builds the BVH of `references` by each candidate of the preset, down to leaves of one, and keeps the one of least SAH
 // cost once leaves of up to config.max_leaf_size are made where they pay; counts its win in `context`. Which leaves the
-// finished tree has, WidePlan decides. Differs from [Tang 2015], which has the first candidate alone and distances in
-// the mesh's unit. `mesh_bounds`: the box of all references of the mesh. Anything where the build is cancelled.
-// REQUIRES: references is not empty.
+// finished tree has, WidePlan decides; but with Preset::kFast what fits in a leaf is one leaf. Differs from [Tang
+// 2015], which has the first candidate alone and distances in the mesh's unit. `mesh_bounds`: the box of all references
+// of the mesh. Anything where the build is cancelled. REQUIRES: references is not empty.
 BvhArrays BuildDeltaLeaf(std::span<const Reference> references, const Bounds& mesh_bounds, const Config& config,
                          BuildContext& context);
 

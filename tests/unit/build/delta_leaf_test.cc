@@ -33,7 +33,7 @@ uint64_t Wins(const BuildContext& context) {
 }
 
 TEST(DeltaLeafTest, IsTheCheapestOfItsCandidates) {
-  const Config config;
+  const Config config = MakeConfig(Builder::kHybrid, Preset::kBest);
   BuildContext context;
   for (uint64_t seed = 0; seed < 30; ++seed) {
     const std::vector<Reference> references = RandomReferences(32, seed, 0.02 * static_cast<double>(seed + 1));
@@ -61,6 +61,16 @@ TEST(DeltaLeafTest, FastPresetOnlySplits) {
   const std::vector<Reference> references = RandomReferences(32, 1);
   BuildDeltaLeaf(references, UnionOf(references), MakeConfig(Builder::kHybrid, Preset::kFast), context);
   EXPECT_EQ(context.candidate_wins[static_cast<size_t>(DeltaLeafCandidate::kTopDown)], 1u);
+}
+
+TEST(DeltaLeafTest, FastPresetMakesOneLeafOfWhatFits) {
+  BuildContext context;
+  const std::vector<Reference> references = RandomReferences(8, 1);
+  const BvhArrays arrays =
+      BuildDeltaLeaf(references, UnionOf(references), MakeConfig(Builder::kHybrid, Preset::kFast), context);
+  ASSERT_EQ(arrays.nodes.size(), 1u);
+  EXPECT_EQ(arrays.nodes[0].count, 8u);
+  EXPECT_EQ(arrays.references.size(), 8u);
 }
 
 // Clustering nests these in a chain as deep as they are many.
