@@ -54,6 +54,7 @@ struct LeafHits {
 // Möller–Trumbore in float [Möller and Trumbore 1997]: t = T/det, u = U/det, v = V/det.
 struct MollerTrumbore {
   VLeaf det, u, v, t;
+  VLeaf sx, sy, sz;  // from the first corner to the ray's origin
 
   HWY_ATTR MollerTrumbore(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
     const DLeaf d;
@@ -62,9 +63,9 @@ struct MollerTrumbore {
     const VLeaf e1y = hn::Sub(leaf.Corner(1, 1, first), y0), e2y = hn::Sub(leaf.Corner(2, 1, first), y0);
     const VLeaf e1z = hn::Sub(leaf.Corner(1, 2, first), z0), e2z = hn::Sub(leaf.Corner(2, 2, first), z0);
     const VLeaf dx = hn::Set(d, ray.direction[0]), dy = hn::Set(d, ray.direction[1]), dz = hn::Set(d, ray.direction[2]);
-    const VLeaf sx = hn::Sub(hn::Set(d, ray.origin[0]), x0);
-    const VLeaf sy = hn::Sub(hn::Set(d, ray.origin[1]), y0);
-    const VLeaf sz = hn::Sub(hn::Set(d, ray.origin[2]), z0);
+    sx = hn::Sub(hn::Set(d, ray.origin[0]), x0);
+    sy = hn::Sub(hn::Set(d, ray.origin[1]), y0);
+    sz = hn::Sub(hn::Set(d, ray.origin[2]), z0);
     const VLeaf px = Difference(dy, e2z, dz, e2y), py = Difference(dz, e2x, dx, e2z), pz = Difference(dx, e2y, dy, e2x);
     const VLeaf qx = Difference(sy, e1z, sz, e1y), qy = Difference(sz, e1x, sx, e1z), qz = Difference(sx, e1y, sy, e1x);
     det = Dot(e1x, e1y, e1z, px, py, pz);
@@ -182,24 +183,28 @@ struct ExactTest {
                                            float* certain_limit) {
     const DLeaf d;
     const MollerTrumbore test(ray, leaf, first);
+    // Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
     const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
-    const VLeaf edge_slack =
-        hn::MulAdd(hn::Set(d, ray.edge_slack[1]), size2, hn::Mul(hn::Set(d, ray.edge_slack[0]), size));
+    const VLeaf far = hn::Max(hn::Max(hn::Abs(test.sx), hn::Abs(test.sy)), hn::Abs(test.sz));
     const VLeaf det_slack = hn::Mul(hn::Set(d, ray.det_slack), size2);
-    const VLeaf end_slack = hn::Mul(hn::Set(d, ray.end_slack), size2);
+    const VLeaf edge_slack =
+        hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
+    const VLeaf t_slack = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
     const VLeaf sign = hn::And(test.det, hn::SignBit(d));
     const VLeaf det = hn::Xor(test.det, sign);
     const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);
     const VLeaf w = hn::Sub(hn::Sub(det, u), v);
     const VLeaf least = hn::Min(hn::Min(u, v), w), greatest = hn::Max(hn::Max(u, v), w);
     const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
+    const VLeaf min_slack = hn::MulAdd(hn::Set(d, 1.25f), hn::Mul(hn::Abs(t_min), det_slack), t_slack);
+    const VLeaf limit_slack = hn::MulAdd(hn::Set(d, 1.25f), hn::Mul(hn::Abs(limit), det_slack), t_slack);
 
     // Certainly beside the triangle, whether or not the determinant has a certain sign; or certainly out of the range.
     const MLeaf sure = hn::Gt(det, det_slack);
     const MLeaf positive = hn::Or(sure, hn::Gt(greatest, edge_slack));
     const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(edge_slack)), positive);
-    const MLeaf before = hn::Lt(hn::Add(t, end_slack), hn::Mul(t_min, det));
-    const MLeaf behind = hn::Gt(hn::Sub(t, end_slack), hn::Mul(limit, det));
+    const MLeaf before = hn::Lt(hn::Add(t, min_slack), hn::Mul(t_min, det));
+    const MLeaf behind = hn::Gt(hn::Sub(t, limit_slack), hn::Mul(limit, det));
     const MLeaf out = hn::Or(beside, hn::And(sure, hn::Or(before, behind)));
     LeafHits hits;
     hits.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
@@ -214,7 +219,7 @@ struct ExactTest {
     hits.mask = hn::AndNot(hn::Or(culled, excluded), hits.mask);
 
     // Bounds of t: (T -+ slack) / (det +- slack), and the roundings of that.
-    const VLeaf t_low = hn::Sub(t, end_slack), t_high = hn::Add(t, end_slack);
+    const VLeaf t_low = hn::Sub(t, t_slack), t_high = hn::Add(t, t_slack);
     const VLeaf det_low = hn::Sub(det, det_slack), det_high = hn::Add(det, det_slack);
     const VLeaf zero = hn::Zero(d), down = hn::Set(d, 1 - 0x1p-21f), up = hn::Set(d, 1 + 0x1p-21f);
     const MLeaf low_negative = hn::Lt(t_low, zero), high_negative = hn::Lt(t_high, zero);
@@ -224,8 +229,8 @@ struct ExactTest {
                                 hn::IfThenElse(high_negative, down, up));
     hits.t = hn::IfThenElse(sure, lower, hn::Set(d, -hwy::HighestValue<float>()));
     const MLeaf inside = hn::And(sure, hn::Gt(least, edge_slack));
-    const MLeaf within =
-        hn::And(hn::Gt(hn::Sub(t, end_slack), hn::Mul(t_min, det)), hn::Lt(hn::Add(t, end_slack), hn::Mul(limit, det)));
+    const MLeaf within = hn::And(hn::Gt(hn::Sub(t, min_slack), hn::Mul(t_min, det)),
+                                 hn::Lt(hn::Add(t, limit_slack), hn::Mul(limit, det)));
     const MLeaf certain = hn::And(hits.mask, hn::And(inside, within));
     *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, limit)));
     return hits;

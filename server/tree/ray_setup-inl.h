@@ -123,10 +123,8 @@ class RaySetup {
     if (!kExact) return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
     const float length =
         __builtin_fabsf(slot.direction[0]) + __builtin_fabsf(slot.direction[1]) + __builtin_fabsf(slot.direction[2]);
-    slot.edge_slack[0] = 40 * 0x1p-24f * length * reach;
-    slot.edge_slack[1] = 20 * 0x1p-24f * length;
+    slot.edge_slack = 40 * 0x1p-24f * length;
     slot.det_slack = 16 * 0x1p-24f * length;
-    slot.end_slack = reach * (56 * 0x1p-24f + 2.5f * slot.det_slack);
     // Products with powers of two lose bits only below 2^-126.
     const auto rounded =
         hn::And(xyz, hn::Or(MayHaveRounded(given_direction, direction), MayHaveRounded(given_origin, origin)));

@@ -43,11 +43,9 @@ struct alignas(64) RaySlot {
   uint32_t current;  // bits of the ChildRef that is next
   float direction[3];
   uint32_t excluded;  // primitive
-  // At kExact: error bounds, to be multiplied by powers of the triangle's size L. Of U, V, W: (edge[0] + edge[1] L) L;
-  // of the determinant: det L²; of how far T is within t_min or the limit: end L².
-  float edge_slack[2];
+  // At kExact: factors of error bounds, see ExactTest.
+  float edge_slack;
   float det_slack;
-  float end_slack;
   double t_unscale;  // t in the frame times this is the ray's t
   uint32_t ray;      // index in the batch
   uint32_t exact;    // whether origin, direction and ends are the ray's own, but for powers of two
