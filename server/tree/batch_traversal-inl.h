@@ -26,12 +26,19 @@ namespace HWY_NAMESPACE {
 // Trees above this size do not fit in a core's own cache.
 constexpr size_t kPrefetchBytes = size_t{2} << 20;
 
+// Rays in flight: enough to hide the time that memory takes.
+constexpr size_t kInFlight = 32;
+
+// Parts in which a leaf is tested.
+constexpr size_t kLeafParts = kMaxLeafTriangles / kLeafLanes;
+
 // Leads the rays of a batch through the tree. All rays in flight take a step in a node, then all that have come to a
 // leaf test it, and so on: while the memory that one ray waits for is on its way, the others work. `Query` says what is
 // made of the leaves (queries-inl.h).
 template <typename Query, bool kPrefetch>
 class BatchTraversal {
-  using Setup = RaySetup<Query::kExact>;
+  using Test = typename Query::Test;
+  using Setup = RaySetup<Test::kExact>;
 
  public:
   // Rays begin to end - 1 of `rays`.
@@ -58,28 +65,28 @@ class BatchTraversal {
     uint32_t* leaves = scratch_.list(2);
     uint32_t* next_leaves = scratch_.list(3);
 
+    uint32_t* const ended = scratch_.list(4);
+
     size_t node_count = 0, leaf_count = 0;
-    while (node_count < in_flight_ && Refill(slots[node_count])) {
-      nodes[node_count] = static_cast<uint32_t>(node_count);
-      ++node_count;
+    for (size_t i = 0; i < in_flight_; ++i) {
+      keys[i * stack_entries] = kBottomKey;
+      refs[i * stack_entries] = kBottomRef;
+      nodes[node_count] = static_cast<uint32_t>(i);
+      node_count += Refill(slots[i]);
     }
     while (node_count + leaf_count > 0) {
-      size_t next_node_count = 0, next_leaf_count = 0;
-      // Leads a slot to what is next for it. Both lists are written to, one of them in vain: no branch could be
-      // foretold.
+      size_t next_node_count = 0, next_leaf_count = 0, ended_count = 0;
+      // Leads a slot to what is next for it. All lists are written to, but one in vain: no branch could be foretold.
       const auto go_on = [&](uint32_t index, RaySlot& ray, const RayStack& stack) HWY_ATTR {
-        if (HWY_UNLIKELY(!Pop<Query::kOrdered>(ray, stack))) {
-          query_.End(ray);
-          if (Refill(ray)) next_nodes[next_node_count++] = index;
-          return;
-        }
-        const ChildRef next(ray.current);
-        if (kPrefetch) Prefetch(base + next.offset() * kUnitBytes);
-        const size_t is_leaf = next.IsLeaf();
+        const uint32_t next = ray.current = Pop<Query::kOrdered>(ray, stack);
+        if (kPrefetch) Prefetch(base + ChildRef(next).offset() * kUnitBytes);
+        const size_t is_leaf = ChildRef(next).IsLeaf(), has_ended = next == kBottomRef;
         next_nodes[next_node_count] = index;
-        next_node_count += 1 - is_leaf;
+        next_node_count += 1 - is_leaf - has_ended;
         next_leaves[next_leaf_count] = index;
         next_leaf_count += is_leaf;
+        ended[ended_count] = index;
+        ended_count += has_ended;
       };
       for (size_t i = 0; i < node_count; ++i) {
         const uint32_t index = nodes[i];
@@ -88,13 +95,32 @@ class BatchTraversal {
         PushChildren<Query::kOrdered>(base + ChildRef(ray.current).offset() * kUnitBytes, ray, stack);
         go_on(index, ray, stack);
       }
+      // Leaves that have hits are set aside, again so that no branch is taken per leaf.
+      size_t hit_count = 0;
+      for (size_t i = 0; i < leaf_count; ++i) {
+        const RaySlot& ray = slots[leaves[i]];
+        const LeafView leaf = ViewOf(ray);
+        for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
+          LeafHit& hit = hits_[hit_count];
+          hit.start = Test::Start(ray, leaf, first);
+          hit.slot = leaves[i];
+          hit.first = first;
+          hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
+        }
+      }
+      for (size_t i = 0; i < hit_count; ++i) {
+        RaySlot& ray = slots[hits_[i].slot];
+        query_.Take(ray, ViewOf(ray), hits_[i].first, hits_[i].start);
+      }
       for (size_t i = 0; i < leaf_count; ++i) {
         const uint32_t index = leaves[i];
-        RaySlot& ray = slots[index];
-        const RayStack stack{keys + index * stack_entries, refs + index * stack_entries};
-        const ChildRef leaf(ray.current);
-        query_.Visit(ray, {reinterpret_cast<const float*>(base + leaf.offset() * kUnitBytes), leaf.triangles()});
-        go_on(index, ray, stack);
+        go_on(index, slots[index], {keys + index * stack_entries, refs + index * stack_entries});
+      }
+      for (size_t i = 0; i < ended_count; ++i) {
+        const uint32_t index = ended[i];
+        query_.End(slots[index]);
+        next_nodes[next_node_count] = index;
+        next_node_count += Refill(slots[index]);
       }
       std::swap(nodes, next_nodes);
       std::swap(leaves, next_leaves);
@@ -103,6 +129,18 @@ class BatchTraversal {
   }
 
  private:
+  // A leaf, or a part of one, that has hits.
+  struct LeafHit {
+    typename Test::First start;
+    uint32_t slot, first;
+  };
+
+  // The leaf that a ray has come to.
+  HWY_ATTR HWY_INLINE LeafView ViewOf(const RaySlot& ray) const {
+    const ChildRef leaf(ray.current);
+    return {reinterpret_cast<const float*>(base_ + leaf.offset() * kUnitBytes), leaf.triangles()};
+  }
+
   // Puts the next ray that is to be traced in the slot, at the root. False: there is none.
   HWY_ATTR bool Refill(RaySlot& slot) {
     while (next_ray_ < rays_.size()) {
@@ -131,6 +169,8 @@ class BatchTraversal {
   const Setup setup_;
   TraversalScratch scratch_;
   uint32_t next_ray_;
+  // One more than there can be: the next one is written in advance.
+  LeafHit hits_[kInFlight * kLeafParts + 1];
 };
 
 }  // namespace HWY_NAMESPACE

@@ -81,35 +81,57 @@ struct MollerTrumbore {
   }
 };
 
-HWY_ATTR inline MLeaf NotCulled(Culling culling, MLeaf back) {
+// Lanes of which the sign bit is set.
+HWY_ATTR HWY_INLINE MLeaf IsNegative(VLeaf x) {
+  const hn::RebindToSigned<DLeaf> di;
+  return hn::RebindMask(DLeaf(), hn::Lt(hn::BitCast(di, x), hn::Zero(di)));
+}
+
+HWY_ATTR HWY_INLINE MLeaf NotCulled(Culling culling, MLeaf back) {
   const MLeaf all = hn::FirstN(DLeaf(), kLeafLanes);
   return culling == Culling::kNone ? all : culling == Culling::kBack ? hn::Not(back) : back;
 }
+
+// Each level is a test in two steps: the first one finds the lanes that may be hit, mostly none; the second one, which
+// takes what the first one found out, is for the rare leaves that have some.
 
 // AccuracyLevel::kFast.
 struct FastTest {
   static constexpr bool kExact = false;
 
+  struct First {
+    VLeaf det, u, v, t;  // turned so that the determinant counts as positive
+    VLeaf sign;
+    MLeaf mask;
+  };
+
   HWY_ATTR static void SetUp(RaySlot&) {}
 
-  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling) {
+  HWY_ATTR static HWY_INLINE First Start(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
     const DLeaf d;
     const MollerTrumbore test(ray, leaf, first);
-    // Turn everything so that the determinant counts as positive.
-    const VLeaf sign = hn::And(test.det, hn::SignBit(d));
-    const VLeaf det = hn::Xor(test.det, sign);
-    const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);
+    First result;
+    result.sign = hn::And(test.det, hn::SignBit(d));
+    result.det = hn::Xor(test.det, result.sign);
+    result.u = hn::Xor(test.u, result.sign), result.v = hn::Xor(test.v, result.sign);
+    result.t = hn::Xor(test.t, result.sign);
     const VLeaf zero = hn::Zero(d);
-    const MLeaf inside = hn::And(hn::Ge(hn::Min(u, v), zero), hn::Le(hn::Add(u, v), det));
-    const MLeaf in_range =
-        hn::And(hn::Ge(t, hn::Mul(hn::Set(d, ray.t_min), det)), hn::Le(t, hn::Mul(hn::Set(d, ray.limit), det)));
+    const MLeaf inside =
+        hn::And(hn::Ge(hn::Min(result.u, result.v), zero), hn::Le(hn::Add(result.u, result.v), result.det));
+    const MLeaf in_range = hn::And(hn::Ge(result.t, hn::Mul(hn::Set(d, ray.t_min), result.det)),
+                                   hn::Le(result.t, hn::Mul(hn::Set(d, ray.limit), result.det)));
+    result.mask =
+        hn::And(hn::And(inside, in_range), hn::And(hn::Gt(result.det, zero), hn::FirstN(d, leaf.count - first)));
+    return result;
+  }
+
+  HWY_ATTR static HWY_INLINE LeafHits Finish(const RaySlot&, const First& start, Culling culling) {
+    const DLeaf d;
+    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), start.det);
     LeafHits hits;
-    hits.mask = hn::And(hn::And(inside, in_range), hn::And(hn::Gt(det, zero), hn::FirstN(d, leaf.count - first)));
-    if (hn::AllFalse(d, hits.mask)) return hits;
-    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), det);
-    hits.t = hn::Mul(t, inverse), hits.u = hn::Mul(u, inverse), hits.v = hn::Mul(v, inverse);
-    hits.back = hn::Lt(test.det, zero);
-    hits.mask = hn::And(hits.mask, NotCulled(culling, hits.back));
+    hits.t = hn::Mul(start.t, inverse), hits.u = hn::Mul(start.u, inverse), hits.v = hn::Mul(start.v, inverse);
+    hits.back = IsNegative(start.sign);
+    hits.mask = hn::And(start.mask, NotCulled(culling, hits.back));
     return hits;
   }
 };
@@ -136,36 +158,49 @@ struct WatertightTest {
     ray.shear[1] = ray.direction[ray.axis[1]] * ray.shear[2];
   }
 
-  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling) {
+  struct First {
+    VLeaf a, b, c;  // edge functions, which are the barycentric coordinates times the determinant
+    VLeaf det;
+    VLeaf az, bz, cz;  // the corners along the last axis
+    MLeaf mask;
+  };
+
+  HWY_ATTR static HWY_INLINE First Start(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
     const DLeaf d;
     const uint32_t kx = ray.axis[0], ky = ray.axis[1], kz = ray.axis[2];
     const VLeaf ox = hn::Set(d, ray.origin[kx]), oy = hn::Set(d, ray.origin[ky]), oz = hn::Set(d, ray.origin[kz]);
     const VLeaf shear_x = hn::Set(d, ray.shear[0]), shear_y = hn::Set(d, ray.shear[1]);
-    const VLeaf az = hn::Sub(leaf.Corner(0, kz, first), oz);
-    const VLeaf bz = hn::Sub(leaf.Corner(1, kz, first), oz);
-    const VLeaf cz = hn::Sub(leaf.Corner(2, kz, first), oz);
-    const VLeaf ax = hn::NegMulAdd(shear_x, az, hn::Sub(leaf.Corner(0, kx, first), ox));
-    const VLeaf ay = hn::NegMulAdd(shear_y, az, hn::Sub(leaf.Corner(0, ky, first), oy));
-    const VLeaf bx = hn::NegMulAdd(shear_x, bz, hn::Sub(leaf.Corner(1, kx, first), ox));
-    const VLeaf by = hn::NegMulAdd(shear_y, bz, hn::Sub(leaf.Corner(1, ky, first), oy));
-    const VLeaf cx = hn::NegMulAdd(shear_x, cz, hn::Sub(leaf.Corner(2, kx, first), ox));
-    const VLeaf cy = hn::NegMulAdd(shear_y, cz, hn::Sub(leaf.Corner(2, ky, first), oy));
-    const VLeaf a = hn::Sub(hn::Mul(cx, by), hn::Mul(cy, bx));
-    const VLeaf b = hn::Sub(hn::Mul(ax, cy), hn::Mul(ay, cx));
-    const VLeaf c = hn::Sub(hn::Mul(bx, ay), hn::Mul(by, ax));
+    First result;
+    result.az = hn::Sub(leaf.Corner(0, kz, first), oz);
+    result.bz = hn::Sub(leaf.Corner(1, kz, first), oz);
+    result.cz = hn::Sub(leaf.Corner(2, kz, first), oz);
+    const VLeaf ax = hn::NegMulAdd(shear_x, result.az, hn::Sub(leaf.Corner(0, kx, first), ox));
+    const VLeaf ay = hn::NegMulAdd(shear_y, result.az, hn::Sub(leaf.Corner(0, ky, first), oy));
+    const VLeaf bx = hn::NegMulAdd(shear_x, result.bz, hn::Sub(leaf.Corner(1, kx, first), ox));
+    const VLeaf by = hn::NegMulAdd(shear_y, result.bz, hn::Sub(leaf.Corner(1, ky, first), oy));
+    const VLeaf cx = hn::NegMulAdd(shear_x, result.cz, hn::Sub(leaf.Corner(2, kx, first), ox));
+    const VLeaf cy = hn::NegMulAdd(shear_y, result.cz, hn::Sub(leaf.Corner(2, ky, first), oy));
+    result.a = hn::Sub(hn::Mul(cx, by), hn::Mul(cy, bx));
+    result.b = hn::Sub(hn::Mul(ax, cy), hn::Mul(ay, cx));
+    result.c = hn::Sub(hn::Mul(bx, ay), hn::Mul(by, ax));
     const VLeaf zero = hn::Zero(d);
-    const MLeaf inside = hn::Or(hn::Ge(hn::Min(hn::Min(a, b), c), zero), hn::Le(hn::Max(hn::Max(a, b), c), zero));
-    const VLeaf det = hn::Add(hn::Add(a, b), c);
+    const MLeaf inside = hn::Or(hn::Ge(hn::Min(hn::Min(result.a, result.b), result.c), zero),
+                                hn::Le(hn::Max(hn::Max(result.a, result.b), result.c), zero));
+    result.det = hn::Add(hn::Add(result.a, result.b), result.c);
+    result.mask = hn::And(hn::And(inside, hn::Ne(result.det, zero)), hn::FirstN(d, leaf.count - first));
+    return result;
+  }
+
+  HWY_ATTR static HWY_INLINE LeafHits Finish(const RaySlot& ray, const First& start, Culling culling) {
+    const DLeaf d;
+    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), start.det);
+    const VLeaf t = hn::MulAdd(start.a, start.az, hn::MulAdd(start.b, start.bz, hn::Mul(start.c, start.cz)));
     LeafHits hits;
-    hits.mask = hn::And(hn::And(inside, hn::Ne(det, zero)), hn::FirstN(d, leaf.count - first));
-    if (hn::AllFalse(d, hits.mask)) return hits;
-    const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), det);
-    const VLeaf t = hn::MulAdd(a, az, hn::MulAdd(b, bz, hn::Mul(c, cz)));
     hits.t = hn::Mul(hn::Mul(t, hn::Set(d, ray.shear[2])), inverse);
-    hits.u = hn::Mul(b, inverse), hits.v = hn::Mul(c, inverse);
-    hits.back = hn::Lt(det, zero);
+    hits.u = hn::Mul(start.b, inverse), hits.v = hn::Mul(start.c, inverse);
+    hits.back = hn::Lt(start.det, hn::Zero(d));
     const MLeaf in_range = hn::And(hn::Ge(hits.t, hn::Set(d, ray.t_min)), hn::Le(hits.t, hn::Set(d, ray.limit)));
-    hits.mask = hn::And(hn::And(hits.mask, in_range), NotCulled(culling, hits.back));
+    hits.mask = hn::And(hn::And(start.mask, in_range), NotCulled(culling, hits.back));
     return hits;
   }
 };
@@ -177,50 +212,62 @@ struct ExactTest {
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
-  // Of the lanes in `mask` the ray may hit the triangle; t is a lower bound. `certain_limit`: no hit beyond it matters
-  // once these are looked at, for one of them is hit at less.
-  HWY_ATTR static HWY_INLINE LeafHits Test(const RaySlot& ray, const LeafView& leaf, uint32_t first, Culling culling,
-                                           float* certain_limit) {
+  struct First {
+    VLeaf det, u, v, t;  // turned so that the determinant counts as positive
+    VLeaf sign;
+    VLeaf det_slack, edge_slack, t_slack;
+    MLeaf mask;
+  };
+
+  HWY_ATTR static HWY_INLINE First Start(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
     const DLeaf d;
     const MollerTrumbore test(ray, leaf, first);
-    // Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
+    First result;
+    // 1. Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
     const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
     const VLeaf far = hn::Max(hn::Max(hn::Abs(test.sx), hn::Abs(test.sy)), hn::Abs(test.sz));
-    const VLeaf det_slack = hn::Mul(hn::Set(d, ray.det_slack), size2);
-    const VLeaf edge_slack =
-        hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
-    const VLeaf t_slack = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
-    const VLeaf sign = hn::And(test.det, hn::SignBit(d));
-    const VLeaf det = hn::Xor(test.det, sign);
-    const VLeaf u = hn::Xor(test.u, sign), v = hn::Xor(test.v, sign), t = hn::Xor(test.t, sign);
-    const VLeaf w = hn::Sub(hn::Sub(det, u), v);
-    const VLeaf least = hn::Min(hn::Min(u, v), w), greatest = hn::Max(hn::Max(u, v), w);
+    result.det_slack = hn::Mul(hn::Set(d, ray.det_slack), size2);
+    result.edge_slack = hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
+    result.t_slack = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
+
+    // 2. Certainly beside the triangle, whether or not the determinant has a certain sign; or certainly out of the
+    // range.
+    result.sign = hn::And(test.det, hn::SignBit(d));
+    result.det = hn::Xor(test.det, result.sign);
+    result.u = hn::Xor(test.u, result.sign), result.v = hn::Xor(test.v, result.sign);
+    result.t = hn::Xor(test.t, result.sign);
+    const VLeaf w = hn::Sub(hn::Sub(result.det, result.u), result.v);
+    const VLeaf least = hn::Min(hn::Min(result.u, result.v), w), greatest = hn::Max(hn::Max(result.u, result.v), w);
+    const MLeaf sure = hn::Gt(result.det, result.det_slack);
+    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, result.edge_slack));
+    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(result.edge_slack)), positive);
     const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
-    const VLeaf min_slack = hn::MulAdd(hn::Set(d, 1.25f), hn::Mul(hn::Abs(t_min), det_slack), t_slack);
-    const VLeaf limit_slack = hn::MulAdd(hn::Set(d, 1.25f), hn::Mul(hn::Abs(limit), det_slack), t_slack);
-
-    // Certainly beside the triangle, whether or not the determinant has a certain sign; or certainly out of the range.
-    const MLeaf sure = hn::Gt(det, det_slack);
-    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, edge_slack));
-    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(edge_slack)), positive);
-    const MLeaf before = hn::Lt(hn::Add(t, min_slack), hn::Mul(t_min, det));
-    const MLeaf behind = hn::Gt(hn::Sub(t, limit_slack), hn::Mul(limit, det));
+    const MLeaf before = hn::Lt(hn::Add(result.t, EndSlack(t_min, result)), hn::Mul(t_min, result.det));
+    const MLeaf behind = hn::Gt(hn::Sub(result.t, EndSlack(limit, result)), hn::Mul(limit, result.det));
     const MLeaf out = hn::Or(beside, hn::And(sure, hn::Or(before, behind)));
-    LeafHits hits;
-    hits.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
-    if (HWY_LIKELY(hn::AllFalse(d, hits.mask))) return hits;
+    result.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
+    return result;
+  }
 
-    // Rare from here on. Culled for certain, excluded.
-    hits.back = hn::Lt(test.det, hn::Zero(d));
+  // Of the lanes in `mask` the ray may hit the triangle; t is a lower bound. `certain_limit`: no hit beyond it matters
+  // once these are looked at, for one of them is hit at less.
+  HWY_ATTR static HWY_INLINE LeafHits Finish(const RaySlot& ray, const LeafView& leaf, uint32_t first,
+                                             const First& start, Culling culling, float* certain_limit) {
+    const DLeaf d;
+    const VLeaf det = start.det, t = start.t;
+    const MLeaf sure = hn::Gt(det, start.det_slack);
+    // 1. Culled for certain, excluded.
+    LeafHits hits;
+    hits.back = IsNegative(start.sign);
     const MLeaf culled = hn::AndNot(NotCulled(culling, hits.back), sure);
     const hn::RebindToUnsigned<DLeaf> du;
     const auto ids = hn::And(hn::LoadU(du, leaf.ids() + first), hn::Set(du, kPrimitiveMask));
     const MLeaf excluded = hn::RebindMask(d, hn::Eq(ids, hn::Set(du, ray.excluded)));
-    hits.mask = hn::AndNot(hn::Or(culled, excluded), hits.mask);
+    hits.mask = hn::AndNot(hn::Or(culled, excluded), start.mask);
 
-    // Bounds of t: (T -+ slack) / (det +- slack), and the roundings of that.
-    const VLeaf t_low = hn::Sub(t, t_slack), t_high = hn::Add(t, t_slack);
-    const VLeaf det_low = hn::Sub(det, det_slack), det_high = hn::Add(det, det_slack);
+    // 2. Bounds of t: (T -+ slack) / (det +- slack), and the roundings of that.
+    const VLeaf t_low = hn::Sub(t, start.t_slack), t_high = hn::Add(t, start.t_slack);
+    const VLeaf det_low = hn::Sub(det, start.det_slack), det_high = hn::Add(det, start.det_slack);
     const VLeaf zero = hn::Zero(d), down = hn::Set(d, 1 - 0x1p-21f), up = hn::Set(d, 1 + 0x1p-21f);
     const MLeaf low_negative = hn::Lt(t_low, zero), high_negative = hn::Lt(t_high, zero);
     const VLeaf lower = hn::Mul(hn::Div(t_low, hn::IfThenElse(low_negative, det_low, det_high)),
@@ -228,12 +275,22 @@ struct ExactTest {
     const VLeaf upper = hn::Mul(hn::Div(t_high, hn::IfThenElse(high_negative, det_high, det_low)),
                                 hn::IfThenElse(high_negative, down, up));
     hits.t = hn::IfThenElse(sure, lower, hn::Set(d, -hwy::HighestValue<float>()));
-    const MLeaf inside = hn::And(sure, hn::Gt(least, edge_slack));
-    const MLeaf within = hn::And(hn::Gt(hn::Sub(t, min_slack), hn::Mul(t_min, det)),
-                                 hn::Lt(hn::Add(t, limit_slack), hn::Mul(limit, det)));
+
+    // 3. Hits for certain.
+    const VLeaf w = hn::Sub(hn::Sub(det, start.u), start.v);
+    const MLeaf inside = hn::And(sure, hn::Gt(hn::Min(hn::Min(start.u, start.v), w), start.edge_slack));
+    const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
+    const MLeaf within = hn::And(hn::Gt(hn::Sub(t, EndSlack(t_min, start)), hn::Mul(t_min, det)),
+                                 hn::Lt(hn::Add(t, EndSlack(limit, start)), hn::Mul(limit, det)));
     const MLeaf certain = hn::And(hits.mask, hn::And(inside, within));
     *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, limit)));
     return hits;
+  }
+
+ private:
+  // The error bound of T - end * det.
+  HWY_ATTR static HWY_INLINE VLeaf EndSlack(VLeaf end, const First& start) {
+    return hn::MulAdd(hn::Set(DLeaf(), 1.25f), hn::Mul(hn::Abs(end), start.det_slack), start.t_slack);
   }
 };
 

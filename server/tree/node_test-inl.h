@@ -44,8 +44,12 @@ struct RayStack {
   uint32_t* refs;
 };
 
+// What lies below all entries of a ray's stack: it always matters, and says that nothing else does.
+constexpr int32_t kBottomKey = std::numeric_limits<int32_t>::min();
+constexpr uint32_t kBottomRef = ChildRef::kNone;
+
 // Entries that a stack must have room for in a tree of so many levels of nodes.
-constexpr size_t StackEntries(uint32_t levels) { return size_t{levels} * (kWidth - 1) + 1 + 2 * kWidth; }
+constexpr size_t StackEntries(uint32_t levels) { return size_t{levels} * (kWidth - 1) + 2 + 2 * kWidth; }
 
 // Sorts from greatest to least by a bitonic network.
 HWY_ATTR HWY_INLINE VKeys SortDescending(VKeys keys) {
@@ -141,16 +145,15 @@ HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const
   }
 }
 
-// Takes the last entry that still matters off the stack. False: there is none.
+// Takes the last entry that still matters off the stack, and returns its ref. REQUIRES: the bottom is on it.
 template <bool kOrdered>
-HWY_ATTR HWY_INLINE bool Pop(RaySlot& ray, const RayStack& stack) {
-  while (ray.stack_size > 0) {
-    --ray.stack_size;
-    if (kOrdered && stack.keys[ray.stack_size] > ray.limit_bits) continue;
-    ray.current = stack.refs[ray.stack_size];
-    return true;
+HWY_ATTR HWY_INLINE uint32_t Pop(RaySlot& ray, const RayStack& stack) {
+  uint32_t top = ray.stack_size - 1;
+  if (kOrdered) {
+    while (stack.keys[top] > ray.limit_bits) --top;
   }
-  return false;
+  ray.stack_size = top;
+  return stack.refs[top];
 }
 
 // Brings what stands at `data` nearer, where the tree is too large for the caches. As much as a node has, whatever it

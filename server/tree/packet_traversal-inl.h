@@ -31,7 +31,7 @@ constexpr size_t kPacketRays = 16;
 // answers are the same bits.
 template <typename Query>
 class PacketTraversal {
-  using Setup = RaySetup<Query::kExact>;
+  using Setup = RaySetup<Query::Test::kExact>;
   using VNode = hn::Vec<DNode>;
 
  public:
@@ -229,7 +229,10 @@ class PacketTraversal {
         const size_t i = first + static_cast<size_t>(__builtin_ctz(rest));
         RaySlot& ray = slots()[i];
         ray.current = leaf.bits();
-        query_.Visit(ray, view);
+        for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
+          const auto start = Query::Test::Start(ray, view, part);
+          if (!hn::AllFalse(DLeaf(), start.mask)) query_.Take(ray, view, part, start);
+        }
         const float limit = Query::Limit(ray);
         closer |= limit < limit_[i];
         limit_[i] = limit;

@@ -1,4 +1,5 @@
 // What a query makes of the leaves that a ray comes to. `kOrdered`: whether it matters which leaf comes first.
+// Take: looks at the lanes in start.mask, of which there are some.
 
 #if defined(SERVER_TREE_QUERIES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SERVER_TREE_QUERIES_INL_H_
@@ -36,22 +37,34 @@ HWY_ATTR HWY_INLINE void ForEachHit(const LeafHits& hits, Lane&& lane) {
 }
 
 // The closest hit at kFast and kWatertight.
-template <typename Test>
+template <typename LevelTest>
 class ClosestQuery {
  public:
-  static constexpr bool kExact = Test::kExact;
+  using Test = LevelTest;
+  using First = typename Test::First;
   static constexpr bool kOrdered = true;
 
   ClosestQuery(Culling culling, std::span<Hit> hits) : culling_(culling), hits_(hits) {}
 
   HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
 
-  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
-    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-      const LeafHits hits = Test::Test(ray, leaf, first, culling_);
-      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      Take(ray, leaf, first, hits);
-    }
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    const DLeaf d;
+    const LeafHits hits = Test::Finish(ray, start, culling_);
+    HWY_ALIGN float u[kLeafLanes], v[kLeafLanes];
+    hn::Store(hits.u, d, u);
+    hn::Store(hits.v, d, v);
+    uint8_t back[8] = {};
+    hn::StoreMaskBits(d, hits.back, back);
+    ForEachHit(hits, [&](uint32_t lane, float t) {
+      const uint32_t primitive = leaf.Primitive(first + lane);
+      if (primitive == ray.excluded || t > ray.limit) return;
+      if (t == ray.limit && ray.primitive <= primitive) return;
+      ray.t = t, ray.u = u[lane], ray.v = v[lane];
+      ray.primitive = primitive;
+      ray.back = back[0] >> lane & 1;
+      SetLimit(ray, t);
+    });
   }
 
   static float Limit(const RaySlot& ray) { return ray.limit; }
@@ -70,50 +83,29 @@ class ClosestQuery {
   }
 
  private:
-  HWY_ATTR void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const LeafHits& hits) {
-    const DLeaf d;
-    HWY_ALIGN float u[kLeafLanes], v[kLeafLanes];
-    hn::Store(hits.u, d, u);
-    hn::Store(hits.v, d, v);
-    uint8_t back[8] = {};
-    hn::StoreMaskBits(d, hits.back, back);
-    ForEachHit(hits, [&](uint32_t lane, float t) {
-      const uint32_t primitive = leaf.Primitive(first + lane);
-      if (primitive == ray.excluded || t > ray.limit) return;
-      if (t == ray.limit && ray.primitive <= primitive) return;
-      ray.t = t, ray.u = u[lane], ray.v = v[lane];
-      ray.primitive = primitive;
-      ray.back = back[0] >> lane & 1;
-      SetLimit(ray, t);
-    });
-  }
-
   const Culling culling_;
   const std::span<Hit> hits_;
 };
 
 // Whether there is a hit, at kFast and kWatertight.
-template <typename Test>
+template <typename LevelTest>
 class AnyQuery {
  public:
-  static constexpr bool kExact = Test::kExact;
+  using Test = LevelTest;
+  using First = typename Test::First;
   static constexpr bool kOrdered = false;
 
   AnyQuery(Culling culling, std::span<uint8_t> any) : culling_(culling), any_(any) {}
 
   HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
 
-  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
-    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-      const LeafHits hits = Test::Test(ray, leaf, first, culling_);
-      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      ForEachHit(hits, [&](uint32_t lane, float) {
-        const uint32_t primitive = leaf.Primitive(first + lane);
-        if (primitive == ray.excluded) return;
-        ray.primitive = primitive;
-        ray.stack_size = 0;
-      });
-    }
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    ForEachHit(Test::Finish(ray, start, culling_), [&](uint32_t lane, float) {
+      const uint32_t primitive = leaf.Primitive(first + lane);
+      if (primitive == ray.excluded) return;
+      ray.primitive = primitive;
+      ray.stack_size = 1;
+    });
   }
 
   static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }
@@ -131,7 +123,8 @@ class AnyQuery {
 // end.
 class ExactClosestQuery {
  public:
-  static constexpr bool kExact = true;
+  using Test = ExactTest;
+  using First = Test::First;
   static constexpr bool kOrdered = true;
 
   ExactClosestQuery(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits)
@@ -146,20 +139,17 @@ class ExactClosestQuery {
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
-  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
-    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-      float certain_limit;
-      const LeafHits hits = ExactTest::Test(ray, leaf, first, culling_, &certain_limit);
-      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      if (certain_limit < ray.limit) SetLimit(ray, certain_limit);
-      ForEachHit(hits, [&](uint32_t lane, float t) {
-        if (t > ray.limit) return;
-        if (ray.suspect_count == RaySlot::kMaxSuspects) MakeRoom(ray);
-        ray.suspect_t[ray.suspect_count] = t;
-        ray.suspects[ray.suspect_count] = {ray.current, first + lane};
-        ++ray.suspect_count;
-      });
-    }
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    float certain_limit;
+    const LeafHits hits = Test::Finish(ray, leaf, first, start, culling_, &certain_limit);
+    if (certain_limit < ray.limit) SetLimit(ray, certain_limit);
+    ForEachHit(hits, [&](uint32_t lane, float t) {
+      if (t > ray.limit) return;
+      if (ray.suspect_count == RaySlot::kMaxSuspects) MakeRoom(ray);
+      ray.suspect_t[ray.suspect_count] = t;
+      ray.suspects[ray.suspect_count] = {ray.current, first + lane};
+      ++ray.suspect_count;
+    });
   }
 
   static float Limit(const RaySlot& ray) { return ray.limit; }
@@ -191,29 +181,24 @@ class ExactClosestQuery {
 // Whether there is a hit, at kExact.
 class ExactAnyQuery {
  public:
-  static constexpr bool kExact = true;
+  using Test = ExactTest;
+  using First = Test::First;
   static constexpr bool kOrdered = false;
 
   ExactAnyQuery(Culling culling, AnyDecider& decider) : culling_(culling), decider_(decider) {}
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
-  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
-    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-      float certain_limit;
-      const LeafHits hits = ExactTest::Test(ray, leaf, first, culling_, &certain_limit);
-      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      if (certain_limit < ray.limit) {
-        Found(ray);
-        return;
-      }
-      ForEachHit(hits, [&](uint32_t lane, float) {
-        if (ray.suspect_count == RaySlot::kMaxSuspects && decider_.DecideEarly(ray)) Found(ray);
-        if (ray.primitive != kNoPrimitive) return;
-        ray.suspects[ray.suspect_count++] = {ray.current, first + lane};
-      });
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    if (ray.primitive != kNoPrimitive) return;
+    float certain_limit;
+    const LeafHits hits = Test::Finish(ray, leaf, first, start, culling_, &certain_limit);
+    if (certain_limit < ray.limit) return Found(ray);
+    ForEachHit(hits, [&](uint32_t lane, float) {
+      if (ray.suspect_count == RaySlot::kMaxSuspects && decider_.DecideEarly(ray)) Found(ray);
       if (ray.primitive != kNoPrimitive) return;
-    }
+      ray.suspects[ray.suspect_count++] = {ray.current, first + lane};
+    });
   }
 
   static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }
@@ -227,7 +212,7 @@ class ExactAnyQuery {
     // Any primitive will do: nobody asks which.
     ray.primitive = 0;
     ray.suspect_count = 0;
-    ray.stack_size = 0;
+    ray.stack_size = 1;
   }
 
   const Culling culling_;
@@ -237,23 +222,21 @@ class ExactAnyQuery {
 // All triangles that a ray may hit, to a collector.
 class CollectQuery {
  public:
-  static constexpr bool kExact = true;
+  using Test = ExactTest;
+  using First = Test::First;
   static constexpr bool kOrdered = true;
 
   explicit CollectQuery(Collector& collector) : collector_(collector) {}
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
-  HWY_ATTR HWY_INLINE void Visit(RaySlot& ray, const LeafView& leaf) {
-    for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-      float certain_limit;
-      const LeafHits hits = ExactTest::Test(ray, leaf, first, Culling::kNone, &certain_limit);
-      if (HWY_LIKELY(hn::AllFalse(DLeaf(), hits.mask))) continue;
-      ForEachHit(hits, [&](uint32_t lane, float) { collector_.Visit(leaf.Primitive(first + lane)); });
-      if (collector_.IsDone()) {
-        ray.stack_size = 0;
-        return;
-      }
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    float certain_limit;
+    const LeafHits hits = Test::Finish(ray, leaf, first, start, Culling::kNone, &certain_limit);
+    ForEachHit(hits, [&](uint32_t lane, float) { collector_.Visit(leaf.Primitive(first + lane)); });
+    if (collector_.IsDone()) {
+      ray.stack_size = 1;
+    } else {
       SetLimit(ray, LimitInFrame(ray, collector_.limit()));
     }
   }

@@ -21,9 +21,6 @@ namespace deltaray {
 namespace HWY_NAMESPACE {
 namespace {
 
-// Enough to hide the time that memory takes.
-constexpr size_t kInFlight = 32;
-
 // Rays begin to end - 1, each on its own.
 template <typename Query>
 HWY_ATTR void TraceApart(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end, size_t in_flight,

@@ -114,7 +114,7 @@ class RaySetup {
     hn::StoreU(direction, d, slot.direction);
     slot.t_min = std::max(t_min, -2 * reach);
     slot.excluded = ray.excluded_primitive;
-    slot.stack_size = 0;
+    slot.stack_size = 1;
     slot.primitive = kNoPrimitive;
     slot.suspect_count = 0;
     SetLimit(slot, std::min(t_max, 2 * reach));

@@ -34,9 +34,9 @@ struct alignas(64) RaySlot {
   float near_offset[3];
   float limit;  // hits beyond this do not matter
   float far_offset[3];
-  int32_t limit_bits;  // OrderedBits of it
-  uint32_t flip[3];    // bytes from an axis' lower faces to its near ones
-  uint32_t stack_size;
+  int32_t limit_bits;   // OrderedBits of it
+  uint32_t flip[3];     // bytes from an axis' lower faces to its near ones
+  uint32_t stack_size;  // the bottom included
 
   // What leaf tests read.
   float origin[3];

@@ -24,7 +24,7 @@ class TraversalScratch {
   int32_t* keys() { return keys_; }
   uint32_t* refs() { return refs_; }
   uint32_t* parents() { return parents_; }
-  // Four lists of slots, each with room for one more than there are.
+  // Five lists of slots, each with room for one more than there are.
   uint32_t* list(size_t i) { return lists_ + i * (slot_count_ + 1); }
 
  private:

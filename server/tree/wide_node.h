@@ -25,12 +25,14 @@ class ChildRef {
   // REQUIRES: 1 <= triangles <= kMaxLeafTriangles.
   static ChildRef Leaf(uint32_t offset, uint32_t triangles) { return ChildRef(offset << kKindBits | triangles); }
 
-  bool IsLeaf() const { return triangles() != 0; }
+  bool IsLeaf() const { return triangles() != 0 && bits_ != kNone; }
   uint32_t triangles() const { return bits_ & ((1u << kKindBits) - 1); }  // of a leaf; 0: a node
   uint32_t offset() const { return bits_ >> kKindBits; }
   uint32_t bits() const { return bits_; }
 
   static constexpr int kKindBits = 4;
+  // The bits of a reference to nothing.
+  static constexpr uint32_t kNone = (1u << kKindBits) - 1;
   static constexpr uint32_t kMaxOffset = (uint32_t{1} << (32 - kKindBits)) - 1;
 
  private:
