@@ -57,7 +57,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
   const auto size = CLI::AsSizeValue(false);
   const CLI::Range threads(0, 4096);
 
-  AddFlag(app, "Network", "listen", server.listen, "Address: host:port, or unix:path. Port 0 picks a free one");
+  AddFlag(app, "Network", "listen", server.listen, "Address: host:port, or unix:path. Port 0 picks a free one")
+      ->check([](const std::string& address) { return std::string(ValidateListenAddress(address).message()); });
   app.add_flag("--insecure-listen", flags.insecure_listen,
                "Listen at an address that other machines can reach, without encryption")
       ->envname("DELTARAY_INSECURE_LISTEN")

@@ -29,14 +29,15 @@ case "$sanitize" in
     build="$root/build-address"
     # gcc warns of what is well where it also adds the sanitizers' checks. And one of the runs shows that all files
     # compile without precompiled headers.
-    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_PRECOMPILE=OFF "-DDELTARAY_SANITIZE=$sanitize")
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=OFF -DDELTARAY_PRECOMPILE=OFF
+      "-DDELTARAY_SANITIZE=$sanitize")
     export ASAN_OPTIONS="detect_stack_use_after_return=1${ASAN_OPTIONS:+:$ASAN_OPTIONS}"
     export UBSAN_OPTIONS="print_stacktrace=1${UBSAN_OPTIONS:+:$UBSAN_OPTIONS}"
     ;;
   thread)
     build="$root/build-thread"
     bash "$root/tests/sanitizers/build_libraries.sh" "$build/libraries"
-    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo "-DDELTARAY_SANITIZE=$sanitize"
+    options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=OFF "-DDELTARAY_SANITIZE=$sanitize"
       -DCMAKE_EXE_LINKER_FLAGS="-Wl,--disable-new-dtags,-rpath,$build/libraries/lib")
     export TSAN_OPTIONS="suppressions=$root/tests/sanitizers/tsan.supp second_deadlock_stack=1 ${TSAN_OPTIONS:-}"
     # ThreadSanitizer cannot map its shadow memory where the kernel spreads addresses too widely.

@@ -2,12 +2,37 @@
 
 #include <arpa/inet.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <string>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 
 namespace deltaray {
+namespace {
+constexpr uint32_t kMaxPort = 65535;
+}  // namespace
+
+absl::Status ValidateListenAddress(absl::string_view address) {
+  if (absl::StartsWith(address, "unix:") && address != "unix:") return absl::OkStatus();
+  const size_t colon = address.rfind(':');
+  const absl::string_view host = address.substr(0, colon);
+  const bool bracketed = absl::StartsWith(host, "[") && absl::EndsWith(host, "]");
+  if (colon == absl::string_view::npos || host.empty() || (absl::StrContains(host, ':') && !bracketed)) {
+    return absl::InvalidArgumentError(absl::StrCat("'", address, "' is neither host:port nor unix:path"));
+  }
+  const absl::string_view port = address.substr(colon + 1);
+  uint32_t number;
+  if (!std::all_of(port.begin(), port.end(), absl::ascii_isdigit) || !absl::SimpleAtoi(port, &number) ||
+      number > kMaxPort) {
+    return absl::InvalidArgumentError(absl::StrCat("port '", port, "' is not in the range 0 to ", kMaxPort));
+  }
+  return absl::OkStatus();
+}
 
 bool IsLoopback(absl::string_view address) {
   if (absl::StartsWith(address, "unix:")) return true;

@@ -13,6 +13,8 @@ start_server
 
 expect_refused 2 timeout 20 "$bin/deltarayd" --no-such-flag
 expect_refused 2 timeout 20 "$bin/deltarayd" --threads many
+expect_refused 2 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:99999 --data-dir "$scratch/other"
+expect_text "$scratch/err" '0 to 65535'
 # Open to other machines only where that is meant.
 expect_refused 2 timeout 20 "$bin/deltarayd" --listen 0.0.0.0:0 --data-dir "$scratch/other"
 expect_refused 1 timeout 20 "$bin/deltarayd" --listen "$address" --data-dir "$scratch/other"
