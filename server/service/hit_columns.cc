@@ -111,8 +111,9 @@ void HitColumns::WriteHits(size_t first, std::span<const Hit> hits, const Triang
   write(v1::HIT_COLUMN_NORMAL, [triangles = mesh.triangles()](const Hit& hit) {
     return hit.IsHit() ? GeometricNormal(triangles[hit.primitive]) : Vec3f();
   });
+  // Without a branch, which no processor foresees where rays hit and miss at random. Misses are not on the back.
   write(v1::HIT_COLUMN_FLAGS,
-        [](const Hit& hit) { return static_cast<uint8_t>(hit.IsHit() ? kFlagHit | (hit.back ? kFlagBack : 0) : 0); });
+        [](const Hit& hit) { return static_cast<uint8_t>(hit.IsHit() * kFlagHit | hit.back * kFlagBack); });
 }
 
 void HitColumns::WriteAny(size_t first, std::span<const uint8_t> any) {

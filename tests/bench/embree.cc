@@ -15,21 +15,11 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// Counts the memory of a device.
-struct MemoryMeter {
-  std::atomic<int64_t> bytes{0};
-  std::atomic<int64_t> peak{0};
-
-  // An RTCMemoryMonitorFunction. Called from all building threads.
-  static bool Note(void* self, ssize_t bytes, bool) {
-    auto& meter = *static_cast<MemoryMeter*>(self);
-    const int64_t now = meter.bytes.fetch_add(bytes) + bytes;
-    int64_t peak = meter.peak.load();
-    while (peak < now && !meter.peak.compare_exchange_weak(peak, now)) {
-    }
-    return true;
-  }
-};
+// Counts the memory of a device. An RTCMemoryMonitorFunction; called from all building threads.
+bool CountBytes(void* counter, ssize_t bytes, bool) {
+  *static_cast<std::atomic<int64_t>*>(counter) += bytes;
+  return true;
+}
 
 RTCIntersectContext MakeContext(bool coherent) {
   RTCIntersectContext context;
@@ -197,7 +187,7 @@ class EmbreeSceneImpl final : public EmbreeScene {
   EmbreeSceneImpl(const TriangleMesh& mesh, const Options& options)
       : device_(rtcNewDevice(DeviceConfig(options).c_str())) {
     if (device_ == nullptr) return;
-    rtcSetDeviceMemoryMonitorFunction(device_, MemoryMeter::Note, &meter_);
+    rtcSetDeviceMemoryMonitorFunction(device_, CountBytes, &bytes_);
     scene_ = rtcNewScene(device_);
     rtcSetSceneBuildQuality(scene_,
                             options.quality == Quality::kHigh ? RTC_BUILD_QUALITY_HIGH : RTC_BUILD_QUALITY_MEDIUM);
@@ -215,12 +205,13 @@ class EmbreeSceneImpl final : public EmbreeScene {
     rtcAttachGeometry(scene_, geometry);
     rtcReleaseGeometry(geometry);
 
-    const int64_t mesh_bytes = meter_.bytes;
+    const int64_t mesh_bytes = bytes_;
+    const PeakMemory memory;
     const Stopwatch stopwatch;
     rtcCommitScene(scene_);
     stopwatch.Stop(&cost_);
-    cost_.bytes = static_cast<uint64_t>(meter_.bytes - mesh_bytes);
-    cost_.peak_bytes = static_cast<uint64_t>(meter_.peak - mesh_bytes);
+    cost_.bytes = static_cast<uint64_t>(bytes_ - mesh_bytes);
+    cost_.peak_bytes = memory.bytes();
   }
 
   ~EmbreeSceneImpl() override {
@@ -251,7 +242,7 @@ class EmbreeSceneImpl final : public EmbreeScene {
   }
 
  private:
-  MemoryMeter meter_;  // outlives the device, which tells it what is freed
+  std::atomic<int64_t> bytes_{0};  // outlives the device, which counts what it frees too
   const RTCDevice device_;
   RTCScene scene_ = nullptr;
   BuildCost cost_;

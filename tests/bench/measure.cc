@@ -1,5 +1,7 @@
 #include "tests/bench/measure.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,6 +9,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -41,6 +44,16 @@ absl::StatusOr<T> Parse(const std::array<std::pair<std::string_view, T>, N>& nam
   return absl::InvalidArgumentError(absl::StrCat("no ", what, " '", std::string(name), "'; there are ", known));
 }
 
+// An entry of /proc/self/status, such as "VmRSS:     1964 kB".
+uint64_t StatusBytes(std::string_view name) {
+  std::ifstream file("/proc/self/status");
+  for (std::string word; file >> word;) {
+    uint64_t kilobytes;
+    if (word == std::string(name) + ":" && file >> kilobytes) return 1024 * kilobytes;
+  }
+  return 0;
+}
+
 double Seconds(clockid_t clock) {
   timespec time;
   clock_gettime(clock, &time);
@@ -71,6 +84,7 @@ absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh
   options.threads = threads;
   options.simd_target = simd_target;
   FinishedBuild result;
+  const PeakMemory memory;
   const Stopwatch stopwatch;
   const std::shared_ptr<Build> build = Build::Start(mesh, std::move(options));
   if (absl::Status status = build->WaitDone(); !status.ok()) return status;
@@ -78,9 +92,19 @@ absl::StatusOr<FinishedBuild> BuildOnce(const std::shared_ptr<const TriangleMesh
   result.snapshot = build->snapshot();
   result.statistics = build->statistics();
   result.cost.bytes = result.statistics.shape.node_bytes + result.statistics.shape.reference_bytes;
-  result.cost.peak_bytes = result.statistics.peak_build_bytes;
+  result.cost.peak_bytes = memory.bytes();
   return result;
 }
+
+PeakMemory::PeakMemory() {
+  // What was freed is to be given back, so that the build has to take it anew.
+  malloc_trim(0);
+  // Sets VmHWM to VmRSS.
+  std::ofstream("/proc/self/clear_refs") << 5;
+  start_ = StatusBytes("VmRSS");
+}
+
+uint64_t PeakMemory::bytes() const { return std::max(StatusBytes("VmHWM"), start_) - start_; }
 
 Stopwatch::Stopwatch() : start_(std::chrono::steady_clock::now()), cpu_start_(ProcessCpuSeconds()) {}
 

@@ -29,7 +29,7 @@ struct BuildCost {
   double seconds = 0;
   double cpu_seconds = 0;   // of all threads
   uint64_t bytes = 0;       // of the finished structure, without the mesh
-  uint64_t peak_bytes = 0;  // while building, likewise
+  uint64_t peak_bytes = 0;  // the most that the process grew by while building; the finished structure included
 };
 
 // One build from start to end.
@@ -58,6 +58,17 @@ class Stopwatch {
  private:
   const std::chrono::steady_clock::time_point start_;
   const double cpu_start_;
+};
+
+// Measures how much larger the resident memory of the process has been since this was made. Two engines count their
+// memory by different rules; this counts what either takes from the machine.
+class PeakMemory {
+ public:
+  PeakMemory();
+  uint64_t bytes() const;
+
+ private:
+  uint64_t start_;
 };
 
 // Repeated measurements of one thing.

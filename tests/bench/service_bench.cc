@@ -19,6 +19,8 @@ namespace {
 
 // Rays that the service gives a tree at once, about.
 constexpr size_t kChunk = 1024;
+// Fewer rays than this are sent several times over, so that the start of a stream does not count.
+constexpr size_t kLeastRays = 1 << 20;
 
 // Collects the lines of the CSV file.
 class Lines {
@@ -49,34 +51,31 @@ struct Target {
   std::vector<float> t;  // the right answers
 };
 
-// One number of streams and size of batch.
+// One number of streams and size of batch. Each stream has a connection of its own, which stands before the clock runs.
 struct Load {
-  uint32_t streams;
-  uint32_t batch;
+  std::vector<std::unique_ptr<BenchConnection>> connections;
+  uint32_t batch = 0;
   Samples mrays_s, server, client, beyond;  // the last three: processor seconds per million rays
 };
 
-absl::Status SendAll(const ServerProcess& server, const Target& target, const Load& load) {
-  std::vector<std::unique_ptr<BenchConnection>> connections;
-  for (uint32_t i = 0; i < load.streams; ++i) {
-    auto connection = BenchConnection::Open(server.address());
-    if (!connection.ok()) return connection.status();
-    connections.push_back(*std::move(connection));
-  }
-  // Each stream sends a part of the rays, on a connection of its own.
+// Sends all rays of the target `passes` times over, each connection a part of them.
+absl::Status SendAll(const Target& target, const Load& load, uint32_t passes) {
   const size_t rays = target.set->rays.size();
-  std::vector<absl::Status> statuses(load.streams);
-  const auto send = [&](uint32_t i) {
-    const size_t first = rays * i / load.streams, last = rays * (i + 1) / load.streams;
-    statuses[i] = StreamAll(**connections[i], target.mesh_id, target.wire, first, last - first, load.batch,
-                            [&target](size_t at, const v1::HitBatch& hits) {
-                              const bool same = hits.t().size() == hits.ray_count() * sizeof(float) &&
-                                                std::memcmp(hits.t().data(), &target.t[at], hits.t().size()) == 0;
-                              return same ? absl::OkStatus() : absl::InternalError("the service answers otherwise");
-                            });
+  const size_t streams = load.connections.size();
+  std::vector<absl::Status> statuses(streams);
+  const auto send = [&](size_t i) {
+    const size_t first = rays * i / streams, last = rays * (i + 1) / streams;
+    for (uint32_t pass = 0; pass < passes && statuses[i].ok(); ++pass) {
+      statuses[i] = StreamAll(**load.connections[i], target.mesh_id, target.wire, first, last - first, load.batch,
+                              [&target](size_t at, const v1::HitBatch& hits) {
+                                const bool same = hits.t().size() == hits.ray_count() * sizeof(float) &&
+                                                  std::memcmp(hits.t().data(), &target.t[at], hits.t().size()) == 0;
+                                return same ? absl::OkStatus() : absl::InternalError("the service answers otherwise");
+                              });
+    }
   };
   std::vector<std::thread> threads;
-  for (uint32_t i = 0; i < load.streams; ++i) threads.emplace_back(send, i);
+  for (size_t i = 0; i < streams; ++i) threads.emplace_back(send, i);
   for (std::thread& thread : threads) thread.join();
   for (absl::Status& status : statuses) {
     if (!status.ok()) return std::move(status);
@@ -84,40 +83,59 @@ absl::Status SendAll(const ServerProcess& server, const Target& target, const Lo
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::vector<Load>> MakeLoads(const ServerProcess& server, const ServiceBenchOptions& options) {
+  std::vector<Load> loads;
+  for (const uint32_t streams : options.streams) {
+    for (const uint32_t batch : options.batches) {
+      Load& load = loads.emplace_back();
+      load.batch = batch;
+      for (uint32_t i = 0; i < streams; ++i) {
+        auto connection = BenchConnection::Open(server.address());
+        if (!connection.ok()) return connection.status();
+        load.connections.push_back(*std::move(connection));
+      }
+    }
+  }
+  return loads;
+}
+
 // Throughput, and what it costs either side, against the same rays in-process.
 absl::Status MeasureThroughput(const ServerProcess& server, const Target& target, const ServiceBenchOptions& options,
                                Lines* lines) {
-  std::vector<Load> loads;
-  for (const uint32_t streams : options.streams) {
-    for (const uint32_t batch : options.batches) loads.push_back({streams, batch, {}, {}, {}, {}});
-  }
+  absl::StatusOr<std::vector<Load>> loads = MakeLoads(server, options);
+  if (!loads.ok()) return loads.status();
   const size_t rays = target.set->rays.size();
-  const double mrays = 1e-6 * static_cast<double>(rays);
+  if (rays == 0) return absl::OkStatus();
+  const auto passes = static_cast<uint32_t>((kLeastRays + rays - 1) / rays);
+  const double mrays = 1e-6 * static_cast<double>(rays) * passes;
   const uint32_t cores = std::thread::hardware_concurrency();
   Samples kernel_cpu;
   std::vector<float> t(rays);
-  const absl::Status status = Interleave(loads.size(), options.rounds, [&](size_t i) {
-    const double kernel = TraceAll(*target.kernel, target.set->rays, cores, kChunk, t) / mrays;
+  const absl::Status status = Interleave(loads->size(), options.rounds, [&](size_t i) {
+    Load& load = (*loads)[i];
+    const double kernel =
+        1e6 / static_cast<double>(rays) * TraceAll(*target.kernel, target.set->rays, cores, kChunk, t);
     const double server_start = server.CpuSeconds();
     BuildCost cost;
     const Stopwatch stopwatch;
-    if (absl::Status sent = SendAll(server, target, loads[i]); !sent.ok()) return sent;
+    if (absl::Status sent = SendAll(target, load, passes); !sent.ok()) return sent;
     stopwatch.Stop(&cost);
     const double server_cpu = (server.CpuSeconds() - server_start) / mrays;
     const double client_cpu = cost.cpu_seconds / mrays;
     kernel_cpu.Add(kernel);
-    loads[i].mrays_s.Add(mrays / cost.seconds);
-    loads[i].server.Add(server_cpu);
-    loads[i].client.Add(client_cpu);
-    loads[i].beyond.Add(server_cpu + client_cpu - kernel);
+    load.mrays_s.Add(mrays / cost.seconds);
+    load.server.Add(server_cpu);
+    load.client.Add(client_cpu);
+    load.beyond.Add(server_cpu + client_cpu - kernel);
     return absl::OkStatus();
   });
   if (!status.ok()) return status;
   const std::string& set = target.set->name;
   lines->Add("throughput", target.scene, set, 0, kChunk, "kernel_cpu_s_per_mray", kernel_cpu);
-  for (const Load& load : loads) {
+  for (const Load& load : *loads) {
     const auto add = [&](const char* quantity, const Samples& samples) {
-      lines->Add("throughput", target.scene, set, load.streams, load.batch, quantity, samples);
+      const auto streams = static_cast<uint32_t>(load.connections.size());
+      lines->Add("throughput", target.scene, set, streams, load.batch, quantity, samples);
     };
     add("mrays_s", load.mrays_s);
     add("server_cpu_s_per_mray", load.server);

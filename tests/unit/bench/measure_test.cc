@@ -21,6 +21,15 @@ TEST(SamplesTest, TellsMedianQuartersAndSpread) {
   EXPECT_DOUBLE_EQ(samples.median(), 3.5);
 }
 
+TEST(PeakMemoryTest, SeesWhatWasFreedAgain) {
+  const PeakMemory memory;
+  constexpr size_t kBytes = 64 << 20;
+  { const std::vector<char> block(kBytes, 1); }
+  EXPECT_GE(memory.bytes(), kBytes * 9 / 10);
+  EXPECT_LT(memory.bytes(), 2 * kBytes);
+  EXPECT_LT(PeakMemory().bytes(), kBytes / 2);
+}
+
 TEST(InterleaveTest, StartsEachRoundWithAnother) {
   std::vector<size_t> order;
   const absl::Status status = Interleave(3, 2, [&order](size_t i) {
