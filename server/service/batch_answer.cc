@@ -77,6 +77,12 @@ absl::Status ReplyTooLarge(uint64_t limit) {
       absl::StrCat("the reply is over the limit of ", limit, " bytes a message; send smaller batches"));
 }
 
+// See Tree::answered_accuracy.
+AccuracyLevel AnsweredAccuracy(const Tree& tree, const BatchQuery& query) {
+  const bool one_hit = query.kind == v1::QUERY_KIND_CLOSEST_HIT || query.kind == v1::QUERY_KIND_ANY_HIT;
+  return one_hit ? tree.answered_accuracy(query.options.accuracy) : AccuracyLevel::kExact;
+}
+
 // One batch while it is answered.
 class Answering {
  public:
@@ -88,7 +94,7 @@ class Answering {
         rays_(rays),
         limits_(limits),
         cancelled_(cancelled),
-        summary_{tree_.answered_accuracy(query.options.accuracy), snapshot.final} {}
+        summary_{AnsweredAccuracy(*snapshot.tree, query), snapshot.final} {}
 
   // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
   absl::StatusOr<grpc::Slice> TraceRows() {
