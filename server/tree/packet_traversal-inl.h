@@ -94,18 +94,21 @@ class PacketTraversal {
     const float direction_scale = Setup::DirectionScale(exponent_);
     const auto scale = static_cast<float>(setup_.scale());
 
-    float width = 0, reach = 0;
+    float widest = 0, apart = 0, reach = 0;
     for (int axis = 0; axis < 3; ++axis) {
       origin_low[axis] *= scale, origin_high[axis] *= scale;
       direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
       // Components that count as 0 count as upward too.
       if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;
       reach = std::max({reach, __builtin_fabsf(origin_low[axis]), __builtin_fabsf(origin_high[axis])});
-      width = std::max(width, direction_high[axis] - direction_low[axis] + origin_high[axis] - origin_low[axis]);
+      widest = std::max(widest, direction_high[axis] - direction_low[axis]);
+      apart = std::max(apart, origin_high[axis] - origin_low[axis]);
     }
-    // Where the packet has passed through the mesh, which is 1 to 2 wide, it must not have become much wider than what
-    // it may meet there. This refuses what is not finite too.
-    if (!(reach <= kFarthestOrigin && width < (wide ? kFarthestOrigin : kWidestPacket))) return false;
+    // The mesh is 1 to 2 wide, and what a packet meets in it must not be much narrower than the packet: neither far
+    // away nor near the origins, where rays that start from a surface would meet most of what is around them. NaN is
+    // refused too.
+    if (!(reach <= kFarthestOrigin)) return false;
+    if (!wide && !(widest < kWidestPacket && apart < kWidestStart)) return false;
 
     // 3. Bounds for the test of a node.
     reach += 1;
@@ -255,7 +258,7 @@ class PacketTraversal {
     limit_bits_ = OrderedBits(bits);
   }
 
-  static constexpr float kWidestPacket = 0.25f;
+  static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;
 
   const std::byte* const base_;
   Query& query_;
