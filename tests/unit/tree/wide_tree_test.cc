@@ -114,7 +114,7 @@ TEST_P(WideTreeTest, AClosedMeshDoesNotLeak) {
     const WideTree tree = MakeWide(mesh.triangles(), 2, 2, GetParam());
     Random random(11);
     std::vector<Ray> rays;
-    for (uint32_t i = 0; i < 40'000; ++i) {
+    for (uint32_t i = 0; i < 10'000; ++i) {
       const auto& corners = mesh.indices[random.Below(static_cast<uint32_t>(mesh.indices.size()))];
       const Vec3f a = mesh.positions[corners[0]], b = mesh.positions[corners[1]];
       const float part = i % 2 == 0 ? 0 : static_cast<float>(random.Below(1000)) / 1000;
