@@ -8,6 +8,7 @@
 #endif
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
 
@@ -114,6 +115,34 @@ HWY_ATTR HWY_INLINE size_t PushSorted(const std::byte* node, hn::Vec<DNode> near
   return count;
 }
 
+#if HWY_TARGET != HWY_AVX3
+// By the bits of a mask: its lanes, in order, and then any.
+constexpr auto kLanesOfMask = [] {
+  std::array<std::array<uint8_t, kWidth>, size_t{1} << kWidth> lanes_of_mask{};
+  for (size_t mask = 0; mask < lanes_of_mask.size(); ++mask) {
+    for (size_t lane = 0, count = 0; lane < kWidth; ++lane) {
+      if (mask >> lane & 1) lanes_of_mask[mask][count++] = static_cast<uint8_t>(lane);
+    }
+  }
+  return lanes_of_mask;
+}();
+#endif
+
+// The lanes of `refs` that are in `mask`, moved together; then any.
+HWY_ATTR HWY_INLINE hn::Vec<DNodeUint> Packed(hn::Vec<DNodeUint> refs, hn::Mask<DNode> mask) {
+  const DNodeUint du;
+#if HWY_TARGET == HWY_AVX3
+  return hn::Compress(refs, hn::RebindMask(du, mask));
+#else
+  // Highway's own has a table that gcc copies to the stack at each call.
+  uint8_t bits[8] = {};
+  hn::StoreMaskBits(DNode(), mask, bits);
+  const hn::Rebind<uint8_t, DNodeUint> du8;
+  const auto lanes = hn::PromoteTo(du, hn::LoadU(du8, kLanesOfMask[bits[0]].data()));
+  return hn::TableLookupLanes(refs, hn::IndicesFromVec(du, lanes));
+#endif
+}
+
 // Pushes the children of `node` whose boxes the ray enters within its range: the nearest last, or in any order and
 // without keys.
 template <bool kOrdered>
@@ -140,7 +169,7 @@ HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const
   } else {
     const DNodeUint du;
     const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
-    hn::StoreU(hn::Compress(children, hn::RebindMask(du, hit)), du, stack.refs + ray.stack_size);
+    hn::StoreU(Packed(children, hit), du, stack.refs + ray.stack_size);
     ray.stack_size += static_cast<uint32_t>(hn::CountTrue(d, hit));
   }
 }
