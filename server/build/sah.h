@@ -6,11 +6,13 @@
 #include <cstdint>
 
 #include "server/build/config.h"
+#include "server/tree/wide_node.h"
 
 namespace deltaray {
 
 // Leaves of the hybrid's finished tree are tested in groups of 2^kLeafGroupShift references.
 inline constexpr uint32_t kLeafGroupShift = 3;
+static_assert(1u << kLeafGroupShift == kMaxLeafTriangles);
 
 // Ct and Ci. Costs are not divided by the root's area, so that a box without area needs no special case: they are
 // areas (half ones, everywhere) times expected work.

@@ -7,6 +7,7 @@
 #define SERVER_TREE_LEAF_TEST_INL_H_
 #endif
 
+#include <cmath>
 #include <cstdint>
 
 #include "hwy/highway.h"
@@ -144,8 +145,7 @@ struct WatertightTest {
 
   // Without branches: which axis comes last, and whether it is turned, can not be foretold.
   HWY_ATTR static HWY_INLINE void SetUp(RaySlot& ray) {
-    const float x = __builtin_fabsf(ray.direction[0]), y = __builtin_fabsf(ray.direction[1]),
-                z = __builtin_fabsf(ray.direction[2]);
+    const float x = std::abs(ray.direction[0]), y = std::abs(ray.direction[1]), z = std::abs(ray.direction[2]);
     const uint32_t last = z >= x && z >= y ? 2 : static_cast<uint32_t>(y > x);
     constexpr uint32_t kNext[5] = {0, 1, 2, 0, 1};
     // Swaps the others where the last one is turned, which keeps the winding.

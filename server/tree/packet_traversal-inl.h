@@ -8,6 +8,8 @@
 #endif
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -100,14 +102,14 @@ class PacketTraversal {
       direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
       // Components that count as 0 count as upward too.
       if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;
-      reach = std::max({reach, __builtin_fabsf(origin_low[axis]), __builtin_fabsf(origin_high[axis])});
+      reach = std::max({reach, std::abs(origin_low[axis]), std::abs(origin_high[axis])});
       widest = std::max(widest, direction_high[axis] - direction_low[axis]);
       apart = std::max(apart, origin_high[axis] - origin_low[axis]);
     }
     // The mesh is 1 to 2 wide, and what a packet meets in it must not be much narrower than the packet: neither far
-    // away nor near the origins, where rays that start from a surface would meet most of what is around them. NaN is
-    // refused too.
-    if (!(reach <= kFarthestOrigin)) return false;
+    // away nor near the origins, where rays that start from a surface would meet most of what is around them. What is
+    // so wide that the frame does not suit it is refused in any case, and NaN.
+    if (!(reach <= kFarthestOrigin && widest <= kFarthestOrigin)) return false;
     if (!wide && !(widest < kWidestPacket && apart < kWidestStart)) return false;
 
     // 3. Bounds for the test of a node.
@@ -118,7 +120,7 @@ class PacketTraversal {
       near_origin_[axis] = negative ? origin_low[axis] : origin_high[axis];
       far_origin_[axis] = negative ? origin_high[axis] : origin_low[axis];
       inverse_low_[axis] = Inverse(direction_high[axis]), inverse_high_[axis] = Inverse(direction_low[axis]);
-      const float greatest = std::max(__builtin_fabsf(inverse_low_[axis]), __builtin_fabsf(inverse_high_[axis]));
+      const float greatest = std::max(std::abs(inverse_low_[axis]), std::abs(inverse_high_[axis]));
       // As a ray's own: more than the roundings of the test, and than a component that counts as 0 leads astray.
       pad_[axis] = reach * 0x1p-20f * greatest + (greatest >= 1 / kLeastComponent ? 4 * reach : 0);
     }
@@ -130,7 +132,7 @@ class PacketTraversal {
 
   // As RaySetup has it.
   static float Inverse(float component) {
-    return __builtin_fabsf(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
+    return std::abs(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
   }
 
   // Fills the slots and columns of all rays: not before one has come to a leaf.
@@ -229,7 +231,7 @@ class PacketTraversal {
       uint8_t bits[8] = {};
       hn::StoreMaskBits(d, hn::Le(near, far), bits);
       for (uint32_t rest = bits[0] | uint32_t{bits[1]} << 8; rest != 0; rest &= rest - 1) {
-        const size_t i = first + static_cast<size_t>(__builtin_ctz(rest));
+        const size_t i = first + static_cast<size_t>(std::countr_zero(rest));
         RaySlot& ray = slots()[i];
         ray.current = leaf.bits();
         for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
@@ -253,9 +255,7 @@ class PacketTraversal {
 
   void SetGreatestLimit(float limit) {
     greatest_limit_ = limit;
-    int32_t bits;
-    __builtin_memcpy(&bits, &limit, sizeof(bits));
-    limit_bits_ = OrderedBits(bits);
+    limit_bits_ = OrderedBits(std::bit_cast<int32_t>(limit));
   }
 
   static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;

@@ -8,6 +8,7 @@
 #define SERVER_TREE_QUERIES_INL_H_
 #endif
 
+#include <bit>
 #include <cstdint>
 #include <span>
 
@@ -31,7 +32,7 @@ HWY_ATTR HWY_INLINE void ForEachHit(const LeafHits& hits, Lane&& lane) {
   uint8_t bits[8] = {};
   hn::StoreMaskBits(d, hits.mask, bits);
   for (uint32_t rest = bits[0]; rest != 0; rest &= rest - 1) {
-    const uint32_t i = static_cast<uint32_t>(__builtin_ctz(rest));
+    const uint32_t i = static_cast<uint32_t>(std::countr_zero(rest));
     lane(i, t[i]);
   }
 }

@@ -8,6 +8,8 @@
 #endif
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <cstdint>
 
 #include "hwy/highway.h"
@@ -29,9 +31,7 @@ constexpr float kFarthestOrigin = 0x1p40f;
 // Lowers the limit of a ray, or sets it.
 HWY_ATTR HWY_INLINE void SetLimit(RaySlot& slot, float limit) {
   slot.limit = limit;
-  int32_t bits;
-  __builtin_memcpy(&bits, &limit, sizeof(bits));
-  slot.limit_bits = OrderedBits(bits);
+  slot.limit_bits = OrderedBits(std::bit_cast<int32_t>(limit));
 }
 
 // Makes RaySlots of rays. `kExact`: for leaf tests at kExact, which need more.
@@ -63,18 +63,11 @@ class RaySetup {
   static constexpr float kLeastDirection = 0x1p-126f, kGreatestDirection = 0x1p126f;
 
   // The exponent e of a positive normal number: 2^e is the greatest power of two up to it.
-  static int ExponentOf(float x) {
-    uint32_t bits;
-    __builtin_memcpy(&bits, &x, sizeof(bits));
-    return static_cast<int>(bits >> 23) - 127;
-  }
+  static int ExponentOf(float x) { return static_cast<int>(std::bit_cast<uint32_t>(x) >> 23) - 127; }
 
   // What directions are scaled by, given that exponent.
   static float DirectionScale(int exponent) {
-    const uint32_t bits = static_cast<uint32_t>(127 - exponent) << 23;
-    float scale;
-    __builtin_memcpy(&scale, &bits, sizeof(scale));
-    return scale;
+    return std::bit_cast<float>(static_cast<uint32_t>(127 - exponent) << 23);
   }
   // What t is scaled by.
   double TScale(int exponent) const { return PowerOfTwo(exponent + scale_exponent_); }
@@ -121,8 +114,7 @@ class RaySetup {
 
     // 3. Error bounds of the leaf test at kExact; see README.md.
     if (!kExact) return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
-    const float length =
-        __builtin_fabsf(slot.direction[0]) + __builtin_fabsf(slot.direction[1]) + __builtin_fabsf(slot.direction[2]);
+    const float length = std::abs(slot.direction[0]) + std::abs(slot.direction[1]) + std::abs(slot.direction[2]);
     slot.edge_slack = 40 * 0x1p-24f * length;
     slot.det_slack = 16 * 0x1p-24f * length;
     // Products with powers of two lose bits only below 2^-126.
@@ -134,12 +126,7 @@ class RaySetup {
   }
 
  private:
-  static double PowerOfTwo(int exponent) {
-    const uint64_t bits = static_cast<uint64_t>(1023 + exponent) << 52;
-    double value;
-    __builtin_memcpy(&value, &bits, sizeof(value));
-    return value;
-  }
+  static double PowerOfTwo(int exponent) { return std::bit_cast<double>(static_cast<uint64_t>(1023 + exponent) << 52); }
 
   // The greatest magnitude of the first three lanes.
   HWY_ATTR static HWY_INLINE float Greatest(VF x) {
@@ -165,7 +152,7 @@ class RaySetup {
     const DF d;
     return hn::And(hn::Lt(hn::Abs(scaled), hn::Set(d, 0x1p-126f)), hn::Ne(x, hn::Zero(d)));
   }
-  static bool MayHaveRounded(float x, float scaled) { return __builtin_fabsf(scaled) < 0x1p-126f && x != 0; }
+  static bool MayHaveRounded(float x, float scaled) { return std::abs(scaled) < 0x1p-126f && x != 0; }
 
   const int scale_exponent_;
   const double scale_;

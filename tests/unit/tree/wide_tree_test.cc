@@ -163,6 +163,51 @@ TEST_P(WideTreeTest, ExcludedPrimitivesAreSkippedAtEveryLevel) {
   }
 }
 
+// Rays within rounding of a triangle's plane: the determinant's sign is beyond float.
+TEST_P(WideTreeTest, RaysThatGrazeTrianglesAreAnsweredAsBruteForce) {
+  Random random(29);
+  const auto coordinate = [&] { return static_cast<float>(random.Below(1u << 20)) / (1 << 19) - 1; };
+  SmallScene scene;
+  for (int i = 0; i < 60; ++i) {
+    scene.Add({{coordinate(), coordinate(), coordinate()},
+               {coordinate(), coordinate(), coordinate()},
+               {coordinate(), coordinate(), coordinate()}});
+  }
+  std::vector<Ray> rays;
+  for (size_t i = 0; i < 6000; ++i) {
+    const Triangle t = scene.view()[i % scene.view().size()];
+    const auto in_plane = [&](float a, float b) { return t.v0 + a * (t.v1 - t.v0) + b * (t.v2 - t.v0); };
+    Ray& ray = rays.emplace_back();
+    ray.origin = in_plane(-coordinate(), 1.5f + coordinate());
+    ray.direction = in_plane(0.3f, 0.3f + 0.1f * coordinate()) - ray.origin;
+  }
+  const WideTree tree = MakeWide(scene.view(), 2, 2, GetParam());
+  std::vector<Hit> hits(rays.size()), expected(rays.size());
+  BruteForce(scene.view()).ClosestHits(rays, {}, expected);
+  for (const Traversal traversal : kTraversals) {
+    tree.ClosestHits(rays, {.traversal = traversal}, hits);
+    EXPECT_TRUE(hits == expected) << static_cast<int>(traversal);
+  }
+}
+
+// Neighbours in a batch whose directions have nothing in common but their signs, in length neither.
+TEST_P(WideTreeTest, RaysOfVeryDifferentLengthsShareNoPacket) {
+  const SmallScene scene = GridScene(100, 3);
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  std::vector<Ray> rays(64);
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const float length = std::ldexp(1.0f, static_cast<int>(i * 37 % 220) - 110);
+    rays[i].origin = {-1, 0.25f * static_cast<float>(i % 7), -1};
+    rays[i].direction = {length, 0.25f * length, (i % 3 == 0 ? 1.0f : 0.5f) * length};
+  }
+  std::vector<Hit> hits(rays.size()), expected(rays.size());
+  BruteForce(scene.view()).ClosestHits(rays, {}, expected);
+  for (const Traversal traversal : kTraversals) {
+    tree.ClosestHits(rays, {.traversal = traversal}, hits);
+    EXPECT_EQ(hits, expected) << static_cast<int>(traversal);
+  }
+}
+
 TEST_P(WideTreeTest, EmptyTreeMisses) {
   const SmallScene scene;
   const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
