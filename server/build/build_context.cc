@@ -40,8 +40,9 @@ void BuildContext::CountBytes(int64_t added) {
 }
 
 void BuildContext::EnterPhase(BuildPhase phase) {
-  const Clock::time_point now = Clock::now();
   MutexLock lock(mutex_);
+  // Read under the lock: nobody was told of a later time in the phase that ends.
+  const Clock::time_point now = Clock::now();
   left_[static_cast<size_t>(phase_.load(std::memory_order_relaxed))] = now;
   entered_[static_cast<size_t>(phase)] = now;
   phase_.store(phase, std::memory_order_relaxed);

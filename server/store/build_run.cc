@@ -54,13 +54,12 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options
   options.config = config_;
   const double load_cpu = ThreadCpuSeconds() - cpu_begin;
   const std::shared_ptr<Build> build = Build::Start(*std::move(mesh), std::move(options));
-  // All that is not the build's own, so that elapsed time goes on where it was. The build's clock is read first: the
-  // sum must not fall behind what was reported before.
-  const double build_wall = build->progress().elapsed_seconds;
-  const double load_wall = SecondsSince(begin) - build_wall;
   {
     MutexLock lock(mutex_);
-    load_ = {BuildPhase::kReferences, load_wall, load_cpu};
+    // All that is not the build's own, so that elapsed time goes on where it was. The sum must not fall behind what was
+    // reported before: the build's clock is read first, and nobody reports meanwhile. A small build may be over by now.
+    const double build_wall = build->progress().elapsed_seconds;
+    load_ = {BuildPhase::kReferences, SecondsSince(begin) - build_wall, load_cpu};
     build_ = build;
   }
   // A Cancel that came before build_ was set did not reach it.
@@ -97,10 +96,18 @@ std::shared_ptr<const TreeSnapshot> BuildRun::snapshot() const {
 }
 
 BuildReport BuildRun::Report() const {
-  const std::shared_ptr<Build> running = build();
   BuildReport report;
   report.build_number = number_;
   report.progress.triangles = triangles_;
+  std::shared_ptr<Build> running;
+  {
+    MutexLock lock(mutex_);
+    running = build_;
+    if (!running && begun_) {
+      report.progress.phase = BuildPhase::kReferences;
+      report.progress.elapsed_seconds = ended_ ? 0 : SecondsSince(begin_);
+    }
+  }
   if (running) report.progress = running->progress();
   const std::shared_ptr<const TreeSnapshot> tree = running ? running->snapshot() : nullptr;
 
@@ -116,12 +123,7 @@ BuildReport BuildRun::Report() const {
     report.state = ready ? MeshState::kReady : MeshState::kProvisional;
   }
   report.failure = std::string(status_.message());
-  if (running) {
-    report.progress.elapsed_seconds += load_.wall_seconds;
-  } else if (begun_) {
-    report.progress.phase = BuildPhase::kReferences;
-    report.progress.elapsed_seconds = ended_ ? 0 : SecondsSince(begin_);
-  }
+  if (running) report.progress.elapsed_seconds += load_.wall_seconds;
   return report;
 }
 
