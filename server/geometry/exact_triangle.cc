@@ -104,6 +104,19 @@ struct Exact {
   }
 };
 
+// Whether both triangles lie in one plane of constant x, y or z, as floors and the bottoms of what stands on them do:
+// there a ray meets both at the same t.
+bool ShareAxisParallelPlane(const Triangle& a, const Triangle& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const float plane = a.v0[axis];
+    if (a.v1[axis] == plane && a.v2[axis] == plane && b.v0[axis] == plane && b.v1[axis] == plane &&
+        b.v2[axis] == plane) {
+      return true;
+    }
+  }
+  return false;
+}
+
 // A quotient of magnitude `bits` * 2^exponent, bits in [2^61, 2^63) or 0. The last bit is also set where more follow,
 // so that rounding to at most 60 bits goes as for the exact quotient.
 struct RoundedToOdd {
@@ -178,6 +191,7 @@ bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling
 int ExactCompareT(const Ray& ray, const Triangle& a, const Triangle& b) {
   // Scenes with many copies of a triangle compare all of them at every hit.
   if (a.v0 == b.v0 && a.v1 == b.v1 && a.v2 == b.v2) return 0;
+  if (ShareAxisParallelPlane(a, b)) return 0;
   const Exact exact_a(ray, a), exact_b(ray, b);
   return Exact::Compare(exact_a.t * exact_b.det, exact_a.t_exponent, exact_b.t * exact_a.det, exact_b.t_exponent);
 }
