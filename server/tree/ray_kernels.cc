@@ -37,21 +37,26 @@ HWY_ATTR void TraceApart(const WideScene& scene, std::span<const Ray> rays, size
 // Where rays turn out to be better off apart, so many are traced so before it is tried again to lead some together.
 constexpr size_t kPacketPause = 256, kStreamPause = 512;
 // Streams whose entries are shared by fewer rays than this are slower than rays apart.
-constexpr double kLeastShare = 4;
+constexpr double kLeastShare = 3;
 
 // Rays begin to end - 1, in streams where neighbours share their ways: whether they do, the last stream has told.
 // `always`: whether or not they do.
 template <typename Query>
 HWY_ATTR void TraceStreams(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end, bool always,
                            Query& query, std::vector<uint32_t>* odd) {
+  const bool prefetch = scene.arrays.block.size() > kPrefetchBytes;
+  bool sharing = always;
   size_t apart = begin, pause_end = begin;
   for (size_t at = begin; at < end; at += kStreamRays) {
     const auto stream = rays.subspan(at, std::min(kStreamRays, end - at));
-    if (!always && (at < pause_end || !GoSameWay(stream))) continue;
+    if (!sharing && (at < pause_end || !GoSameWay(stream))) continue;
     TraceApart(scene, rays, apart, at, kInFlight, query, odd);
     apart = at + stream.size();
-    const double share = StreamTraversal<Query>(scene, query, odd).Trace(stream, static_cast<uint32_t>(at));
-    if (share < kLeastShare) pause_end = apart + kStreamPause;
+    const auto first = static_cast<uint32_t>(at);
+    const double share = prefetch ? StreamTraversal<Query, true>(scene, query, odd).Trace(stream, first)
+                                  : StreamTraversal<Query, false>(scene, query, odd).Trace(stream, first);
+    sharing = always || share >= kLeastShare;
+    if (!sharing) pause_end = apart + kStreamPause;
   }
   TraceApart(scene, rays, apart, end, kInFlight, query, odd);
 }

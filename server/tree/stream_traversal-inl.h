@@ -43,7 +43,7 @@ HWY_ATTR inline bool GoSameWay(std::span<const Ray> rays) {
 // A stream goes depth-first through the tree, and each entry of its stack says by a mask which of its rays are to look
 // at it [Barringer and Akenine-Möller 2014]. A ray tests what it would alone, with the same bits. What is spared is all
 // that it does beside tests: a node is found, and its children are pushed, once for all rays.
-template <typename Query>
+template <typename Query, bool kPrefetch>
 class StreamTraversal {
   using Test = typename Query::Test;
   using Setup = RaySetup<Test::kExact>;
@@ -71,6 +71,8 @@ class StreamTraversal {
       --size;
       const uint32_t mask = masks[size] & active_;
       if (mask == 0) continue;
+      // What comes after this: mostly a neighbour of it, and too near to be asked for only when it is its turn.
+      if (kPrefetch && size > 0) Prefetch(base_ + ChildRef(refs[size - 1]).offset() * kUnitBytes);
       ++entries;
       shares += static_cast<size_t>(std::popcount(mask));
       const ChildRef ref(refs[size]);
