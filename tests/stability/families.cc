@@ -39,7 +39,7 @@ constexpr Row kRows[] = {
     {"t_junctions", "t_junctions", 0, "at_edges"},
     {"ulp_cracks", "ulp_cracks", 0, "at_edges"},
     {"fan", "fan", 0, "chords"},
-    {"fan_centre", "fan", 300, "at_vertices"},
+    {"fan_centre", "fan", 60, "at_vertices"},
     {"needle_fan", "needle_fan", 0, "at_edges"},
     {"slivers", "slivers", 0, "at_edges"},
     // Rays in planes.
@@ -52,7 +52,7 @@ constexpr Row kRows[] = {
     {"inside_faces", "integer_grid", 0, "in_planes"},
     {"grazing", "soup", 20'000, "in_planes"},
     // Triangles in one place.
-    {"coplanar_overlap", "coplanar_overlap", 200, "at_edges"},
+    {"coplanar_overlap", "coplanar_overlap", 100, "at_edges"},
     {"coincident", "coincident", 0, "chords"},
     {"coincident_pairs", "voxels", 0, "at_vertices"},
     {"ulp_layers", "ulp_layers", 0, "chords"},
@@ -63,12 +63,12 @@ constexpr Row kRows[] = {
     {"mesh_1e7_away", "far_from_origin", 0, "at_edges"},
     {"teapot_in_stadium", "teapot_in_stadium", 0, "at_vertices"},
     {"huge_among_tiny", "huge_among_tiny", 0, "chords"},
-    {"huge_and_tiny", "geometric_series", 0, "at_edges"},
+    {"huge_and_tiny", "geometric_series", 0, "from_surface"},
     {"tiny", "tiny", 0, "at_vertices"},
     {"huge", "huge", 0, "at_vertices"},
     {"denormal", "denormal", 0, "at_vertices"},
-    {"mixed_magnitudes", "mixed_magnitudes", 300, "from_surface"},
-    {"any_bits", "any_bits", 0, "of_any_bits"},
+    {"mixed_magnitudes", "mixed_magnitudes", 80, "from_surface"},
+    {"any_bits", "any_bits", 100, "of_any_bits"},
     {"all_speeds", "sphere", 0, "at_all_speeds"},
     // Intervals.
     {"ending_at_hits", "sphere", 0, "ending_at_hits"},
