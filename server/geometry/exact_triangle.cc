@@ -160,15 +160,21 @@ struct RoundedToOdd {
   }
 };
 
+thread_local uint64_t exact_decisions = 0;
+
 }  // namespace
 
+uint64_t ExactDecisions() { return exact_decisions; }
+
 bool ExactIsDegenerate(const Triangle& triangle) {
+  ++exact_decisions;
   const int exponent = CommonExponent({triangle.v0, triangle.v1, triangle.v2});
   const auto v0 = Scaled(triangle.v0, exponent);
   return Cross(Scaled(triangle.v1, exponent) - v0, Scaled(triangle.v2, exponent) - v0) == Vec3<Integer>{0, 0, 0};
 }
 
 bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling, Candidate* candidate) {
+  ++exact_decisions;
   const Exact exact(ray, triangle);
   if (exact.det == 0) return false;
   if (culling == (exact.back ? Culling::kBack : Culling::kFront)) return false;
@@ -192,11 +198,13 @@ int ExactCompareT(const Ray& ray, const Triangle& a, const Triangle& b) {
   // Scenes with many copies of a triangle compare all of them at every hit.
   if (a.v0 == b.v0 && a.v1 == b.v1 && a.v2 == b.v2) return 0;
   if (ShareAxisParallelPlane(a, b)) return 0;
+  ++exact_decisions;
   const Exact exact_a(ray, a), exact_b(ray, b);
   return Exact::Compare(exact_a.t * exact_b.det, exact_a.t_exponent, exact_b.t * exact_a.det, exact_b.t_exponent);
 }
 
 void ExactRound(const Ray& ray, const Triangle& triangle, float* t, float* u, float* v) {
+  ++exact_decisions;
   const Exact exact(ray, triangle);
   *t = RoundedToOdd(exact.t, exact.det, exact.t_exponent).ToFloat();
   *u = RoundedToOdd(exact.u, exact.det, 0).ToFloat();
