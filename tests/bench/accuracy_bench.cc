@@ -55,12 +55,14 @@ absl::Status AddOurs(const StabilityFamily& family, Builder builder, std::vector
   return absl::OkStatus();
 }
 
-// Embree takes no mesh of nothing, and its assertions end the program at numbers that it calls too large.
+// Embree takes no mesh of nothing, and its assertions end the program at numbers that it calls too large and at
+// intervals that begin before the origin.
 bool EmbreeTakes(const StabilityFamily& family) {
   constexpr float kLarge = 1.844e18f;
   const auto takes = [](Vec3f a) { return std::max({std::abs(a.x), std::abs(a.y), std::abs(a.z)}) < kLarge; };
-  return !family.mesh->indices.empty() &&
-         std::ranges::all_of(family.rays, [&](const Ray& ray) { return takes(ray.origin) && takes(ray.direction); });
+  return !family.mesh->indices.empty() && std::ranges::all_of(family.rays, [&](const Ray& ray) {
+    return takes(ray.origin) && takes(ray.direction) && ray.t_min >= 0;
+  });
 }
 
 absl::Status AddEmbree(const StabilityFamily& family, std::vector<Contestant>* contestants) {
