@@ -227,12 +227,18 @@ TEST(TriangleTestTest, BeforeAgreesWithRationals) {
   for (const Family& family : kFamilies) {
     Random random(13);
     for (int i = 0; i < 300; ++i) {
-      const Case c = family.make(random);
-      // A second triangle with a corner in common, or a copy, or one that is turned.
+      Case c = family.make(random);
+      // A second triangle with a corner in common, or a copy, or one that is turned, or one in the same plane.
       Triangle other = c.triangle;
       if (i % 4 == 0) other.v1 = family.make(random).triangle.v1;
       if (i % 4 == 1) other.v0 = family.make(random).triangle.v0;
       if (i % 4 == 2) std::swap(other.v0, other.v2);
+      if (i % 8 == 4) {
+        const int axis = i / 8 % 3;
+        for (Vec3f* corner : {&c.triangle.v1, &c.triangle.v2, &other.v1, &other.v2}) {
+          (*corner)[axis] = c.triangle.v0[axis];
+        }
+      }
       Ray ray = c.ray;
       ray.t_min = -kInf;
       const auto a = FindRationalHit(ray, c.triangle), b = FindRationalHit(ray, other);
