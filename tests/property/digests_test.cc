@@ -226,7 +226,8 @@ TEST_P(DigestsTest, AreThoseOfEveryVectorWidthAndTraversal) {
       SCOPED_TRACE(absl::StrFormat("%s, builder %d", Name(target), static_cast<int>(builder)));
       const auto build = Build::Start(mesh_, {MakeConfig(builder, Preset::kBalanced), 2, nullptr, target});
       ASSERT_TRUE(build->WaitDone().ok());
-      for (const Traversal traversal : {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket}) {
+      for (const Traversal traversal :
+           {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket, Traversal::kStream}) {
         Check(*build->snapshot()->tree, traversal);
       }
     }

@@ -199,7 +199,7 @@ TEST_P(StabilityTest, IsExact) {
       ASSERT_NE(tree, nullptr);
       for (const auto& [way, traversal] :
            {std::pair("single", Traversal::kSingle), std::pair("batch", Traversal::kBatch),
-            std::pair("packet", Traversal::kPacket)}) {
+            std::pair("packet", Traversal::kPacket), std::pair("stream", Traversal::kStream)}) {
         SCOPED_TRACE(absl::StrCat(name, " ", Name(target), " ", way));
         truth.Check(*tree, traversal);
       }
