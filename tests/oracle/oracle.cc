@@ -1,6 +1,7 @@
 #include "tests/oracle/oracle.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <utility>
@@ -71,7 +72,11 @@ std::vector<OracleHit> Oracle::AllHits(const Ray& ray, Culling culling) const {
 
 std::vector<std::optional<OracleHit>> Oracle::ClosestHits(std::span<const Ray> rays, Culling culling) const {
   std::vector<std::optional<OracleHit>> hits(rays.size());
-  tbb::parallel_for(size_t{0}, rays.size(), [&](size_t i) { hits[i] = ClosestHit(rays[i], culling); });
+  // In an arena of its own: what the process' has of the caller's floating-point settings, its first user decided, and
+  // Embree builds with subnormal numbers flushed to zero.
+  tbb::task_arena().execute([&] {
+    tbb::parallel_for(size_t{0}, rays.size(), [&](size_t i) { hits[i] = ClosestHit(rays[i], culling); });
+  });
   return hits;
 }
 

@@ -198,8 +198,9 @@ TEST_P(StabilityTest, IsExact) {
       const auto tree = BuildTree(*family, builder, false, target);
       ASSERT_NE(tree, nullptr);
       for (const auto& [way, traversal] :
-           {std::pair("single", Traversal::kSingle), std::pair("batch", Traversal::kBatch),
-            std::pair("packet", Traversal::kPacket), std::pair("stream", Traversal::kStream)}) {
+           {std::pair("auto", Traversal::kAuto), std::pair("single", Traversal::kSingle),
+            std::pair("batch", Traversal::kBatch), std::pair("packet", Traversal::kPacket),
+            std::pair("stream", Traversal::kStream)}) {
         SCOPED_TRACE(absl::StrCat(name, " ", Name(target), " ", way));
         truth.Check(*tree, traversal);
       }
