@@ -107,6 +107,23 @@ TEST_P(WideTreeTest, OrdinaryRaysAreAnsweredAlikeAtEveryLevel) {
   }
 }
 
+// Nearly in the plane of a triangle, whose determinant is so small that its inverse is infinite; t = T/det is 0 times
+// that.
+TEST_P(WideTreeTest, FastHitsAreNumbers) {
+  TriangleMesh mesh;
+  mesh.positions = {{0, 0, 0}, {0x1p-65f, 1, 0}, {0, 1, 0x1p-65f}};
+  mesh.indices = {{0, 1, 2}};
+  const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
+  const std::vector<Ray> rays(1, {.origin = {0x1p-67f, 0.5f, 0x1p-67f}, .direction = {0, 1, 0}});
+  std::vector<Hit> hits(1);
+  tree.ClosestHits(rays, {}, hits);
+  EXPECT_EQ(hits[0].t, 0);
+  for (const AccuracyLevel level : kLevels) {
+    tree.ClosestHits(rays, {.accuracy = level}, hits);
+    EXPECT_FALSE(std::isnan(hits[0].t) || std::isnan(hits[0].u) || std::isnan(hits[0].v)) << static_cast<int>(level);
+  }
+}
+
 // Rays from within a closed mesh, at its vertices and edges: at kWatertight none gets out.
 TEST_P(WideTreeTest, AClosedMeshDoesNotLeak) {
   for (const Vec3d centre : {Vec3d{0, 0, 0}, Vec3d{1000, 1000, 1000}}) {
