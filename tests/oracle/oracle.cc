@@ -74,9 +74,8 @@ std::vector<std::optional<OracleHit>> Oracle::ClosestHits(std::span<const Ray> r
   std::vector<std::optional<OracleHit>> hits(rays.size());
   // In an arena of its own: what the process' has of the caller's floating-point settings, its first user decided, and
   // Embree builds with subnormal numbers flushed to zero.
-  tbb::task_arena().execute([&] {
-    tbb::parallel_for(size_t{0}, rays.size(), [&](size_t i) { hits[i] = ClosestHit(rays[i], culling); });
-  });
+  tbb::task_arena().execute(
+      [&] { tbb::parallel_for(size_t{0}, rays.size(), [&](size_t i) { hits[i] = ClosestHit(rays[i], culling); }); });
   return hits;
 }
 
