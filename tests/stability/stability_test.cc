@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
@@ -39,7 +38,6 @@ uint32_t RayCount() {
 // Of the rays whose closest hit is asked, one in so many is asked for all hits, their count and with culling too.
 constexpr size_t kStride = 8;
 constexpr Culling kCullings[] = {Culling::kBack, Culling::kFront};
-constexpr double kMaxUvError = 0x1p-24;
 
 // Calls trace(first, count) for pieces of `rays`, on all processors.
 template <typename Trace>
@@ -64,23 +62,6 @@ std::vector<uint8_t> AnyHits(const Tree& tree, std::span<const Ray> rays, const 
     tree.AnyHits(rays.subspan(first, count), options, std::span(any).subspan(first, count));
   });
   return any;
-}
-
-bool IsRight(const std::optional<OracleHit>& truth, const Hit& hit) {
-  if (!truth) return !hit.IsHit() && hit.t == std::numeric_limits<float>::infinity();
-  return hit.primitive == truth->primitive && hit.back == truth->back && StepsApart(hit.t, truth->t) == 0 &&
-         !(hit.t == 0 && std::signbit(hit.t)) && std::abs(hit.u - truth->u) <= kMaxUvError &&
-         std::abs(hit.v - truth->v) <= kMaxUvError;
-}
-
-std::string Describe(const Ray& ray, const std::optional<OracleHit>& truth, const Hit& hit) {
-  const OracleHit right = truth.value_or(OracleHit());
-  return absl::StrFormat(
-      "origin (%a, %a, %a) direction (%a, %a, %a) t [%a, %a] excluded %u\n  right: primitive %u t %a u %.9g v %.9g "
-      "back %d\n  found: primitive %u t %a u %.9g v %.9g back %d",
-      ray.origin.x, ray.origin.y, ray.origin.z, ray.direction.x, ray.direction.y, ray.direction.z, ray.t_min, ray.t_max,
-      ray.excluded_primitive, right.primitive, right.t, right.u, right.v, right.back, hit.primitive, hit.t, hit.u,
-      hit.v, hit.back);
 }
 
 // The right answers to the rays of a family.
