@@ -146,7 +146,8 @@ struct WatertightTest {
   // Without branches: which axis comes last, and whether it is turned, can not be foretold.
   HWY_ATTR static HWY_INLINE void SetUp(RaySlot& ray) {
     const float x = std::abs(ray.direction[0]), y = std::abs(ray.direction[1]), z = std::abs(ray.direction[2]);
-    const uint32_t last = z >= x && z >= y ? 2 : static_cast<uint32_t>(y > x);
+    const uint32_t z_is = static_cast<uint32_t>(z >= x) & static_cast<uint32_t>(z >= y);
+    const uint32_t last = 2 * z_is | (static_cast<uint32_t>(y > x) & ~z_is);
     constexpr uint32_t kNext[5] = {0, 1, 2, 0, 1};
     // Swaps the others where the last one is turned, which keeps the winding.
     const uint32_t turned = ray.direction[last] < 0;

@@ -67,7 +67,8 @@ TEST_P(AnswersTest, EveryStructureAnswersAsBruteForce) {
     const auto snapshot = BuildToEnd(scene, MakeConfig(Builder::kHybrid, Preset::kBalanced), 2, target);
     ASSERT_NE(snapshot, nullptr);
     size_t first = 0;
-    for (const Traversal traversal : {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket}) {
+    for (const Traversal traversal :
+         {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket, Traversal::kStream}) {
       EXPECT_TRUE(answers.Match(*snapshot->tree, first++, kStride, traversal)) << static_cast<int>(traversal);
     }
   }

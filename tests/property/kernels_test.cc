@@ -19,7 +19,8 @@
 namespace deltaray {
 namespace {
 
-constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket};
+constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket,
+                                     Traversal::kStream};
 
 // Rays of each test: of the environment's DELTARAY_RAYS, else few enough for every day.
 size_t RayCount() {

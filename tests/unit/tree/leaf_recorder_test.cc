@@ -70,7 +70,7 @@ TEST_P(LeafRecorderTest, EveryQueryRecordsTheLeavesThatItTestsOnce) {
   std::vector<std::function<void(std::span<const Ray>)>> queries = {
       [&](std::span<const Ray> r) { tree.AllHits(r, {}, &hits, counts); },
       [&](std::span<const Ray> r) { tree.CountHits(r, {}, counts); }};
-  for (const Traversal traversal : {Traversal::kSingle, Traversal::kBatch, Traversal::kPacket}) {
+  for (const Traversal traversal : {Traversal::kSingle, Traversal::kBatch, Traversal::kPacket, Traversal::kStream}) {
     for (const AccuracyLevel level : {AccuracyLevel::kFast, AccuracyLevel::kWatertight, AccuracyLevel::kExact}) {
       const QueryOptions options{.accuracy = level, .traversal = traversal};
       queries.push_back(

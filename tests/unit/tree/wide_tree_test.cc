@@ -17,7 +17,8 @@
 namespace deltaray {
 namespace {
 
-constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket};
+constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket,
+                                     Traversal::kStream};
 constexpr AccuracyLevel kLevels[] = {AccuracyLevel::kFast, AccuracyLevel::kWatertight, AccuracyLevel::kExact};
 
 WideTree MakeWide(const TrianglesView& triangles, size_t leaf_size, int spatial, SimdTarget target) {
