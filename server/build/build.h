@@ -26,7 +26,7 @@ struct TreeSnapshot {
 // One build of one mesh. All methods are thread-safe.
 //
 // States: created -> running -> (provisional) -> done or cancelled or failed. A baseline (every builder but the hybrid
-// and [Tang 2015]) has no provisional tree. A lazy build counts as done once its provisional tree stands.
+// and [Tang 2015]) has no provisional tree, nor has Preset::kFast. A lazy build is done once the top stands.
 class Build {
  public:
   struct Options {

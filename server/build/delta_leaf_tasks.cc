@@ -3,6 +3,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <utility>
 
 namespace deltaray {
@@ -10,35 +11,48 @@ namespace deltaray {
 DeltaLeafTasks::DeltaLeafTasks(SplitTree top, BuildOne build_one, std::function<void()> on_delta_leaf,
                                std::shared_ptr<BuildContext> context)
     : context_(std::move(context)),
-      references_(std::move(top.references)),
+      top_(std::move(top)),
       build_one_(std::move(build_one)),
-      on_delta_leaf_(std::move(on_delta_leaf)) {
-  if (!top.nodes.empty()) mesh_bounds_ = top.nodes[0].bounds;
-  for (const BvhNode& node : top.nodes) {
-    if (node.IsLeaf()) delta_leaves_.push_back({node.offset, node.count});
+      on_delta_leaf_(std::move(on_delta_leaf)),
+      delta_leaves_(std::count_if(top_.nodes.begin(), top_.nodes.end(), [](const BvhNode& n) { return n.IsLeaf(); })) {
+  auto next = delta_leaves_.begin();
+  for (const BvhNode& node : top_.nodes) {
+    if (!node.IsLeaf()) continue;
+    next->offset = node.offset;
+    next->count = node.count;
+    ++next;
   }
-  begun_ = std::vector<std::atomic<bool>>(delta_leaves_.size());
 }
 
-void DeltaLeafTasks::BuildAndPublish(uint32_t delta_leaf, ProvisionalTree& tree) {
-  if (begun_[delta_leaf].exchange(true, std::memory_order_relaxed)) return;
+DeltaLeafTasks::~DeltaLeafTasks() {
+  for (const DeltaLeaf& delta_leaf : delta_leaves_) delete delta_leaf.built.load(std::memory_order_acquire);
+}
+
+std::span<const Reference> DeltaLeafTasks::references(uint32_t delta_leaf) const {
+  return top_.references.span().subspan(delta_leaves_[delta_leaf].offset, delta_leaves_[delta_leaf].count);
+}
+
+const BvhArrays* DeltaLeafTasks::built(uint32_t delta_leaf) const {
+  return delta_leaves_[delta_leaf].built.load(std::memory_order_acquire);
+}
+
+void DeltaLeafTasks::Build(uint32_t delta_leaf) {
+  DeltaLeaf& task = delta_leaves_[delta_leaf];
+  if (task.begun.exchange(true, std::memory_order_relaxed)) return;
   if (on_delta_leaf_) on_delta_leaf_();
   if (context_->cancelled()) return;
-  const auto [offset, count] = delta_leaves_[delta_leaf];
-  auto subtree = std::make_unique<BvhArrays>(build_one_(references_.span().subspan(offset, count), mesh_bounds_));
+  auto subtree = std::make_unique<const BvhArrays>(build_one_(references(delta_leaf), top_.nodes[0].bounds));
   if (context_->cancelled()) return;
-  tree.PublishDeltaLeaf(delta_leaf, std::move(subtree));
+  // Release: a thread that sees the pointer sees the subtree.
+  task.built.store(subtree.release(), std::memory_order_release);
   context_->delta_leaves_built.fetch_add(1, std::memory_order_relaxed);
 }
 
-absl::Status DeltaLeafTasks::BuildAndPublishAll(ProvisionalTree& tree) {
-  tbb::parallel_for(tbb::blocked_range<uint32_t>(0, static_cast<uint32_t>(delta_leaves_.size())),
-                    [&](const tbb::blocked_range<uint32_t>& range) {
-                      const BuildContext::CpuTime time(*context_);
-                      for (uint32_t i = range.begin(); i < range.end() && !context_->cancelled(); ++i) {
-                        BuildAndPublish(i, tree);
-                      }
-                    });
+absl::Status DeltaLeafTasks::BuildAll() {
+  tbb::parallel_for(tbb::blocked_range<uint32_t>(0, count()), [&](const tbb::blocked_range<uint32_t>& range) {
+    const BuildContext::CpuTime time(*context_);
+    for (uint32_t i = range.begin(); i < range.end() && !context_->cancelled(); ++i) Build(i);
+  });
   return context_->cancelled() ? absl::CancelledError("the build was cancelled") : absl::OkStatus();
 }
 

@@ -14,11 +14,11 @@
 #include "server/build/reference.h"
 #include "server/build/top_down.h"
 #include "server/tree/bvh.h"
-#include "server/tree/provisional_tree.h"
 
 namespace deltaray {
 
-// Holds what it takes to build the δ-leaves of one tree. Thread-safe.
+// The top of one tree, and its δ-leaves: the references of each, and its BVH once that is built. δ-leaves are numbered
+// in the order of the leaves in top(). Thread-safe.
 class DeltaLeafTasks {
  public:
   // Builds one δ-leaf. Called from many threads at once.
@@ -27,25 +27,33 @@ class DeltaLeafTasks {
   // `on_delta_leaf` may be null; see Build::Options.
   DeltaLeafTasks(SplitTree top, BuildOne build_one, std::function<void()> on_delta_leaf,
                  std::shared_ptr<BuildContext> context);
+  ~DeltaLeafTasks();
 
-  // Builds the δ-leaf and publishes it in `tree`, unless that was begun before.
-  void BuildAndPublish(uint32_t delta_leaf, ProvisionalTree& tree);
+  // A BVH each of whose leaves is one δ-leaf.
+  std::span<const BvhNode> top() const { return top_.nodes; }
+  uint32_t count() const { return static_cast<uint32_t>(delta_leaves_.size()); }
+  std::span<const Reference> references(uint32_t delta_leaf) const;
+  // The δ-leaf's BVH, whose leaves hold primitive ids; nullptr: it is not built yet. Once it is, it stays.
+  const BvhArrays* built(uint32_t delta_leaf) const;
+
+  // Builds the δ-leaf, unless that was begun before.
+  void Build(uint32_t delta_leaf);
 
   // Does so for all δ-leaves, each as a task of the calling thread's TBB arena. CANCELLED where the build is.
-  absl::Status BuildAndPublishAll(ProvisionalTree& tree);
+  absl::Status BuildAll();
 
  private:
   struct DeltaLeaf {
-    uint32_t offset, count;  // in references_
+    uint32_t offset = 0, count = 0;  // in the top's references
+    std::atomic<bool> begun{false};
+    std::atomic<const BvhArrays*> built{nullptr};  // owned
   };
 
-  const std::shared_ptr<BuildContext> context_;  // before references_, which count in it
-  const ReferenceArray references_;
+  const std::shared_ptr<BuildContext> context_;  // before top_, whose references count in it
+  const SplitTree top_;
   const BuildOne build_one_;
   const std::function<void()> on_delta_leaf_;
-  Bounds mesh_bounds_;
   std::vector<DeltaLeaf> delta_leaves_;
-  std::vector<std::atomic<bool>> begun_;
 };
 
 }  // namespace deltaray

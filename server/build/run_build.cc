@@ -9,13 +9,13 @@
 #include "server/build/delta_leaf_tasks.h"
 #include "server/build/kd_tree_builder.h"
 #include "server/build/layout.h"
+#include "server/build/lazy_tree.h"
 #include "server/build/reference.h"
 #include "server/build/tang2015_builder.h"
 #include "server/build/top_down.h"
 #include "server/build/wide_layout.h"
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
-#include "server/tree/provisional_tree.h"
 #include "server/tree/simd_target.h"
 #include "server/tree/wide_tree.h"
 
@@ -109,53 +109,62 @@ class Run {
   template <typename BuildTopOfIt>
   absl::StatusOr<std::shared_ptr<const Tree>> BuildWithDeltaLeaves(BuildTopOfIt&& build_top,
                                                                    DeltaLeafTasks::BuildOne build_one) {
-    absl::StatusOr<SplitTree> top = RunPhase(*context_, BuildPhase::kTop, build_top);
-    if (!top.ok()) return top.status();
-    BvhArrays top_arrays = ToBvhArrays(*top);
-    const auto tasks =
-        std::make_shared<DeltaLeafTasks>(*std::move(top), std::move(build_one), options_.on_delta_leaf, context_);
-    if (config_.lazy) return MakeLazyTree(std::move(top_arrays), tasks);
-
-    const std::shared_ptr<ProvisionalTree> provisional = MakeTree<ProvisionalTree>(mesh_, std::move(top_arrays));
-    publish_provisional_(provisional);
-    const absl::Status built =
-        RunPhase(*context_, BuildPhase::kDeltaLeaves, [&] { return tasks->BuildAndPublishAll(*provisional); });
+    std::shared_ptr<DeltaLeafTasks> tasks;
+    const absl::StatusOr<FirstTree> first = RunPhase(*context_, BuildPhase::kTop, [&]() -> absl::StatusOr<FirstTree> {
+      absl::StatusOr<SplitTree> top = build_top();
+      if (!top.ok()) return top.status();
+      tasks = std::make_shared<DeltaLeafTasks>(*std::move(top), std::move(build_one), options_.on_delta_leaf, context_);
+      return MakeFirstTree(tasks);
+    });
+    if (!first.ok()) return first.status();
+    if (first->is_final) return first->tree;
+    if (first->tree != nullptr) publish_provisional_(first->tree);
+    const absl::Status built = RunPhase(*context_, BuildPhase::kDeltaLeaves, [&] { return tasks->BuildAll(); });
     if (!built.ok()) return built;
     return RunPhase(*context_, BuildPhase::kLayout, [&]() -> absl::StatusOr<std::shared_ptr<const Tree>> {
-      absl::StatusOr<BvhArrays> arrays = LayOut(*provisional, *context_);
-      if (!arrays.ok()) return arrays.status();
+      absl::StatusOr<BinaryLayout> layout = LayOut(*tasks, *context_);
+      if (!layout.ok()) return layout.status();
+      // Its memory is wanted for the wide tree.
+      tasks = nullptr;
       // As printed there are no wide nodes.
-      if (config_.builder == Builder::kTang2015) return MakeTree<Bvh>(mesh_, *std::move(arrays));
-      return Collapse(*std::move(arrays));
+      if (config_.builder == Builder::kTang2015) return MakeTree<Bvh>(mesh_, std::move(layout->arrays));
+      return Collapse(std::move(layout->arrays));
     });
+  }
+
+  // What rays can go through while no δ-leaf is built.
+  struct FirstTree {
+    std::shared_ptr<const Tree> tree;
+    bool is_final = false;
+  };
+  absl::StatusOr<FirstTree> MakeFirstTree(const std::shared_ptr<DeltaLeafTasks>& tasks) {
+    if (config_.lazy && HaveTarget()) {
+      absl::StatusOr<std::shared_ptr<const LazyTree::Version>> version =
+          LazyTree::LayOutVersion(mesh_->triangles(), tasks, Target(), *context_);
+      if (version.ok()) return FirstTree{MakeTree<LazyTree>(mesh_, *std::move(version), Target(), context_), true};
+      if (!absl::IsResourceExhausted(version.status())) return version.status();
+    }
+    // The final tree will be there as soon as a provisional one would be.
+    if (config_.preset == Preset::kFast) return FirstTree{};
+    absl::StatusOr<BinaryLayout> layout = LayOut(*tasks, *context_);
+    if (!layout.ok()) return layout.status();
+    absl::StatusOr<std::shared_ptr<const Tree>> tree = Collapse(std::move(layout->arrays));
+    if (!tree.ok()) return tree.status();
+    return FirstTree{*std::move(tree)};
   }
 
   // Makes the wide tree; the binary one where the processor or the mesh's size rules that out.
   absl::StatusOr<std::shared_ptr<const Tree>> Collapse(BvhArrays arrays) {
-    const std::vector<SimdTarget>& supported = SupportedSimdTargets();
-    if (supported.empty()) return MakeTree<Bvh>(mesh_, std::move(arrays));
-    absl::StatusOr<WideArrays> wide =
-        LayOutWide(arrays, mesh_->triangles(), options_.simd_target.value_or(supported.back()), *context_);
+    if (!HaveTarget()) return MakeTree<Bvh>(mesh_, std::move(arrays));
+    absl::StatusOr<WideArrays> wide = LayOutWide(arrays, mesh_->triangles(), Target(), *context_);
     if (absl::IsResourceExhausted(wide.status())) return MakeTree<Bvh>(mesh_, std::move(arrays));
     if (!wide.ok()) return wide.status();
     return MakeTree<WideTree>(mesh_, *std::move(wide));
   }
 
-  // The tree owns the tasks, and they point back to it.
-  std::shared_ptr<const Tree> MakeLazyTree(BvhArrays top, const std::shared_ptr<DeltaLeafTasks>& tasks) {
-    const auto self = std::make_shared<ProvisionalTree*>();
-    const std::shared_ptr<ProvisionalTree> tree =
-        MakeTree<ProvisionalTree>(mesh_, std::move(top), [self, tasks, context = context_](uint32_t delta_leaf) {
-          const BuildContext::CpuTime time(*context, BuildPhase::kDeltaLeaves);
-          try {
-            tasks->BuildAndPublish(delta_leaf, **self);
-          } catch (const std::exception&) {
-            // The δ-leaf stays a list, which answers as well.
-          }
-        });
-    *self = tree.get();
-    return tree;
-  }
+  static bool HaveTarget() { return !SupportedSimdTargets().empty(); }
+  // REQUIRES: HaveTarget().
+  SimdTarget Target() const { return options_.simd_target.value_or(SupportedSimdTargets().back()); }
 
   const std::shared_ptr<const TriangleMesh>& mesh_;
   const Build::Options& options_;

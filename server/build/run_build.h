@@ -15,8 +15,8 @@
 namespace deltaray {
 
 // Builds the tree of `mesh` as options.config says and returns the final one; it keeps `mesh` alive. On the way, a
-// hybrid gives its provisional tree to `publish_provisional`. A lazy build's final tree is the provisional one, which
-// then keeps `context` and goes on counting in it.
+// hybrid gives its provisional tree to `publish_provisional`. A lazy build's final tree is a LazyTree, which
+// keeps `context` and goes on counting in it.
 //
 // Runs in the calling thread's TBB arena. CANCELLED where the context is; throws std::bad_alloc.
 absl::StatusOr<std::shared_ptr<const Tree>> RunBuild(

@@ -21,13 +21,13 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 // Nodes above this level spread their subtrees over tasks.
 constexpr uint32_t kTaskLevels = 3;
 
-// x * 2^exponent, rounded down or up where it is no float.
-float ScaleDown(float x, int exponent) {
-  const double exact = std::ldexp(static_cast<double>(x), exponent);
+// x * scale, rounded down or up where it is no float. In double, a float times a power of two of the frame is exact.
+float ScaleDown(float x, double scale) {
+  const double exact = scale * x;
   const float rounded = static_cast<float>(exact);
   return rounded > exact ? std::nextafter(rounded, -kInfinity) : rounded;
 }
-float ScaleUp(float x, int exponent) { return -ScaleDown(-x, exponent); }
+float ScaleUp(float x, double scale) { return -ScaleDown(-x, scale); }
 
 // The exponent that brings all coordinates in `bounds` below 1 in magnitude, the greatest one to at least 1/2.
 int ScaleExponent(const Bounds& bounds) {
@@ -43,8 +43,13 @@ int ScaleExponent(const Bounds& bounds) {
 template <int kWidth>
 class Layout {
  public:
-  Layout(const BvhArrays& tree, const TrianglesView& triangles, BuildContext& context)
-      : tree_(tree), triangles_(triangles), context_(context), plan_(tree.nodes, kWidth, context) {}
+  Layout(const BvhArrays& tree, const TrianglesView& triangles, BuildContext& context,
+         std::vector<LeafReferences>* leaf_references)
+      : tree_(tree),
+        triangles_(triangles),
+        context_(context),
+        leaf_references_(leaf_references),
+        plan_(tree.nodes, kWidth, context) {}
 
   absl::StatusOr<WideArrays> Make(SimdTarget target) {
     if (context_.cancelled()) return absl::CancelledError("the build was cancelled");
@@ -52,7 +57,8 @@ class Layout {
     arrays.target = target;
     Bounds corners;
     for (const Vec3f& position : triangles_.positions) corners.Extend(position);
-    arrays.scale_exponent = scale_ = ScaleExponent(corners);
+    arrays.scale_exponent = ScaleExponent(corners);
+    scale_ = std::ldexp(1.0, arrays.scale_exponent);
 
     // 1. Find how much room each subtree takes.
     sizes_.resize(tree_.nodes.size());
@@ -68,6 +74,7 @@ class Layout {
     arrays.levels = whole.levels;
     arrays.block = WideBlock(whole.units * UnitBytes(kWidth) + kLeafSlack);
     block_ = arrays.block.data();
+    if (leaf_references_ != nullptr) leaf_references_->assign(whole.units, {});
     std::memset(block_ + whole.units * UnitBytes(kWidth), 0, kLeafSlack);
     if (tree_.nodes[0].IsLeaf() || plan_.LeafSize(0) != 0) {
       const uint32_t root = 0;
@@ -144,6 +151,16 @@ class Layout {
       next += sizes_[children[i]];
     }
 
+    // Indices and corners lie anywhere: all of them are asked for before any is waited for.
+    for (size_t i = 0; i < children.size(); ++i) {
+      for (const uint32_t id : leaves[i].ids()) __builtin_prefetch(&triangles_.indices[id]);
+    }
+    for (size_t i = 0; i < children.size(); ++i) {
+      for (const uint32_t id : leaves[i].ids()) {
+        for (const uint32_t corner : triangles_.indices[id]) __builtin_prefetch(&triangles_.positions[corner]);
+      }
+    }
+
     WideNode<kWidth> node;
     for (int lane = 0; lane < kWidth; ++lane) {
       const bool used = lane < static_cast<int>(children.size());
@@ -157,7 +174,10 @@ class Layout {
       const auto at = static_cast<uint32_t>(offsets[lane]);
       const auto size = static_cast<uint32_t>(leaves[lane].size());
       node.child[lane] = (size != 0 ? ChildRef::Leaf(at, size) : ChildRef::Node(at)).bits();
-      if (size != 0) WriteLeaf(leaves[lane], At(at));
+      if (size == 0) continue;
+      WriteLeaf(leaves[lane], At(at));
+      if (leaf_references_ != nullptr)
+        (*leaf_references_)[at] = {FirstReference(children[lane]), plan_.LeafSize(children[lane])};
     }
     std::memcpy(At(offset), &node, sizeof(node));
 
@@ -186,11 +206,15 @@ class Layout {
     size_t size_ = 0;
   };
 
-  LeafTriangles Gather(uint32_t node) const {
-    const uint32_t size = plan_.LeafSize(node);
+  // Where the references of the subtree begin.
+  uint32_t FirstReference(uint32_t node) const {
     while (!tree_.nodes[node].IsLeaf()) ++node;
+    return tree_.nodes[node].offset;
+  }
+
+  LeafTriangles Gather(uint32_t node) const {
     LeafTriangles triangles;
-    for (const uint32_t primitive : std::span(tree_.references).subspan(tree_.nodes[node].offset, size)) {
+    for (const uint32_t primitive : std::span(tree_.references).subspan(FirstReference(node), plan_.LeafSize(node))) {
       triangles.Insert(primitive);
     }
     return triangles;
@@ -206,7 +230,7 @@ class Layout {
       const Vec3f* const corners[3] = {&triangle.v0, &triangle.v1, &triangle.v2};
       for (int corner = 0; corner < 3; ++corner) {
         for (int axis = 0; axis < 3; ++axis) {
-          const double scaled = std::ldexp(static_cast<double>((*corners[corner])[axis]), scale_);
+          const double scaled = scale_ * (*corners[corner])[axis];
           float& stored = columns[(3 * corner + axis) * count + i];
           stored = static_cast<float>(scaled);
           exact &= stored == scaled;
@@ -228,7 +252,7 @@ class Layout {
     for (int axis = 0; axis < 3; ++axis) {
       longest = std::max(longest, static_cast<double>(bounds.max[axis]) - static_cast<double>(bounds.min[axis]));
     }
-    longest = std::ldexp(longest, scale_);
+    longest *= scale_;
     if (longest == 0) return kMaxSizeClass;
     // The least power of two that is not below it.
     int exponent = 0;
@@ -254,8 +278,9 @@ class Layout {
   const BvhArrays& tree_;
   const TrianglesView triangles_;
   BuildContext& context_;
+  std::vector<LeafReferences>* const leaf_references_;
   const WidePlan plan_;
-  int scale_ = 0;
+  double scale_ = 1;
   std::vector<uint32_t> sizes_;  // units, by the binary node that became the wide one
   std::byte* block_ = nullptr;
   std::atomic<bool> exact_corners_{true};
@@ -264,7 +289,7 @@ class Layout {
 }  // namespace
 
 absl::StatusOr<WideArrays> LayOutWide(const BvhArrays& tree, const TrianglesView& triangles, SimdTarget target,
-                                      BuildContext& context) {
+                                      BuildContext& context, std::vector<LeafReferences>* leaf_references) {
   if (triangles.size() > kMaxWidePrimitives) {
     return absl::ResourceExhaustedError(
         absl::StrCat(triangles.size(), " triangles; a wide tree takes at most ", kMaxWidePrimitives));
@@ -272,15 +297,16 @@ absl::StatusOr<WideArrays> LayOutWide(const BvhArrays& tree, const TrianglesView
   if (tree.nodes.empty()) {
     WideArrays empty;
     empty.target = target;
+    if (leaf_references != nullptr) leaf_references->clear();
     return empty;
   }
   switch (target) {
     case SimdTarget::kSse4:
-      return Layout<Width(SimdTarget::kSse4)>(tree, triangles, context).Make(target);
+      return Layout<Width(SimdTarget::kSse4)>(tree, triangles, context, leaf_references).Make(target);
     case SimdTarget::kAvx2:
-      return Layout<Width(SimdTarget::kAvx2)>(tree, triangles, context).Make(target);
+      return Layout<Width(SimdTarget::kAvx2)>(tree, triangles, context, leaf_references).Make(target);
     case SimdTarget::kAvx512:
-      return Layout<Width(SimdTarget::kAvx512)>(tree, triangles, context).Make(target);
+      return Layout<Width(SimdTarget::kAvx512)>(tree, triangles, context, leaf_references).Make(target);
   }
   return absl::InternalError("unknown SIMD target");
 }

@@ -37,6 +37,10 @@ struct RayKernels {
 // REQUIRES: this processor supports `target`.
 const RayKernels& KernelsOf(SimdTarget target);
 
+// The same, for threads that have a LeafRecorder, which they tell of each leaf that they test. Compiled apart, so that
+// the compiler's choices for the plain ones stay the same.
+const RayKernels& RecordingKernelsOf(SimdTarget target);
+
 }  // namespace deltaray
 
 #endif  // SERVER_TREE_RAY_KERNELS_H_

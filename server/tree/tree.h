@@ -47,9 +47,9 @@ struct TreeShape {
   uint64_t reference_bytes = 0;
 };
 
-// An immutable structure over the triangles of one mesh. All methods may be called from any number of threads at once,
-// and take no lock. At AccuracyLevel::kExact the answer is a function of triangles and ray alone: every structure gives
-// the same bits as BruteForce.
+// A structure over the triangles of one mesh that is, or seems, immutable. All methods may be called from any number of
+// threads at once, and take no lock. At AccuracyLevel::kExact the answer is a function of triangles and ray alone:
+// every structure gives the same bits as BruteForce.
 //
 // `rays` and the outputs have the same length. No method throws, save for lack of memory.
 class Tree {
@@ -75,7 +75,7 @@ class Tree {
   // CountHits are always exact.
   virtual AccuracyLevel answered_accuracy(AccuracyLevel level) const = 0;
 
-  // For a provisional tree, of the parts built so far.
+  // For a lazy tree, of what rays go through now.
   virtual TreeShape Shape() const = 0;
 };
 

@@ -8,6 +8,7 @@
 
 #include "absl/container/inlined_vector.h"
 #include "server/geometry/box_test.h"
+#include "server/tree/leaf_recorder.h"
 #include "server/tree/ray_kernels.h"
 
 namespace deltaray {
@@ -62,6 +63,10 @@ class Reader {
   const double unscale_;
 };
 
+const RayKernels& KernelsNow(SimdTarget target) {
+  return LeafRecorder::current() == nullptr ? KernelsOf(target) : RecordingKernelsOf(target);
+}
+
 }  // namespace
 
 WideTree::WideTree(TrianglesView triangles, WideArrays arrays) : TraversedTree(triangles), arrays_(std::move(arrays)) {}
@@ -69,20 +74,20 @@ WideTree::WideTree(TrianglesView triangles, WideArrays arrays) : TraversedTree(t
 void WideTree::ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const {
   if (arrays_.levels == 0) return TraversedTree::ClosestHits(rays, options, hits);
   std::vector<uint32_t> odd;
-  KernelsOf(arrays_.target).closest_hits({arrays_, triangles()}, rays, options, hits, &odd);
+  KernelsNow(arrays_.target).closest_hits({arrays_, triangles()}, rays, options, hits, &odd);
   for (const uint32_t i : odd) TraversedTree::ClosestHits(rays.subspan(i, 1), options, hits.subspan(i, 1));
 }
 
 void WideTree::AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const {
   if (arrays_.levels == 0) return TraversedTree::AnyHits(rays, options, any);
   std::vector<uint32_t> odd;
-  KernelsOf(arrays_.target).any_hits({arrays_, triangles()}, rays, options, any, &odd);
+  KernelsNow(arrays_.target).any_hits({arrays_, triangles()}, rays, options, any, &odd);
   for (const uint32_t i : odd) TraversedTree::AnyHits(rays.subspan(i, 1), options, any.subspan(i, 1));
 }
 
 void WideTree::Traverse(const Ray& ray, Collector& collector) const {
   if (arrays_.levels == 0) return;
-  if (KernelsOf(arrays_.target).collect({arrays_, triangles()}, ray, collector)) return;
+  if (KernelsNow(arrays_.target).collect({arrays_, triangles()}, ray, collector)) return;
 
   // The plain way, in double: slow, and right for every ray.
   struct Entry {

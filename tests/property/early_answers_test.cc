@@ -87,7 +87,8 @@ TEST(EarlyAnswersTest, AnswersAPictureBeforeAnyDeltaLeafIsBuiltWithTheBitsOfTheF
   EXPECT_NE(std::count_if(late_hits.begin(), late_hits.end(), [](const Hit& hit) { return hit.IsHit(); }), 0);
 }
 
-// Traces without a pause, while leaves that take their time replace their lists.
+// Traces without a pause, while δ-leaves that take their time are built and the final tree replaces the provisional
+// one.
 TEST(EarlyAnswersTest, TracesWhileLeavesArePublished) {
   const auto mesh = std::make_shared<const TriangleMesh>(Terrain(60, 60));
   const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 2000, 1);

@@ -28,12 +28,10 @@ BvhArrays OneLeaf(std::span<const Reference> references, const Bounds&) {
 struct Tasks {
   std::shared_ptr<BuildContext> context = std::make_shared<BuildContext>();
   std::atomic<int> built{0};
-  ProvisionalTree tree;
   DeltaLeafTasks tasks;
 
   explicit Tasks(uint32_t count, std::function<void()> on_delta_leaf = nullptr)
-      : tree(TrianglesView(), ToBvhArrays(Row(count, *context))),
-        tasks(
+      : tasks(
             Row(count, *context),
             [this](std::span<const Reference> references, const Bounds& bounds) {
               ++built;
@@ -44,12 +42,12 @@ struct Tasks {
 
 TEST(DeltaLeafTasksTest, AllAreBuilt) {
   Tasks tasks(1000);
-  EXPECT_TRUE(tasks.tasks.BuildAndPublishAll(tasks.tree).ok());
+  EXPECT_TRUE(tasks.tasks.BuildAll().ok());
   EXPECT_EQ(tasks.built, 1000);
   EXPECT_EQ(tasks.context->delta_leaves_built, 1000u);
   for (uint32_t i = 0; i < 1000; ++i) {
-    ASSERT_NE(tasks.tree.delta_leaf(i), nullptr);
-    EXPECT_EQ(tasks.tree.delta_leaf(i)->references[0], i);
+    ASSERT_NE(tasks.tasks.built(i), nullptr);
+    EXPECT_EQ(tasks.tasks.built(i)->references[0], i);
   }
 }
 
@@ -58,23 +56,23 @@ TEST(DeltaLeafTasksTest, EachIsBuiltOnceHoweverManyAsk) {
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {
     threads.emplace_back([&] {
-      for (uint32_t i = 0; i < 200; ++i) tasks.tasks.BuildAndPublish(i, tasks.tree);
+      for (uint32_t i = 0; i < 200; ++i) tasks.tasks.Build(i);
     });
   }
   for (std::thread& thread : threads) thread.join();
   EXPECT_EQ(tasks.built, 200);
-  EXPECT_EQ(tasks.tree.delta_leaves_built(), 200u);
+  EXPECT_EQ(tasks.context->delta_leaves_built, 200u);
 }
 
-TEST(DeltaLeafTasksTest, CancelLeavesTheRestAsLists) {
+TEST(DeltaLeafTasksTest, CancelLeavesTheRest) {
   std::shared_ptr<BuildContext> context;
   std::atomic<int> begun{0};
   Tasks tasks(1000, [&] {
     if (++begun == 10) context->Cancel();
   });
   context = tasks.context;
-  EXPECT_EQ(tasks.tasks.BuildAndPublishAll(tasks.tree).code(), absl::StatusCode::kCancelled);
-  EXPECT_LT(tasks.tree.delta_leaves_built(), 1000u);
+  EXPECT_EQ(tasks.tasks.BuildAll().code(), absl::StatusCode::kCancelled);
+  EXPECT_LT(tasks.context->delta_leaves_built, 1000u);
 }
 
 }  // namespace

@@ -18,7 +18,6 @@
 #include "server/tree/brute_force.h"
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
-#include "server/tree/provisional_tree.h"
 #include "tests/scenes/random.h"
 
 namespace deltaray {
@@ -132,15 +131,6 @@ inline BvhArrays MakeBvh(const TrianglesView& triangles, size_t leaf_size, int s
   BvhArrays bvh;
   if (triangles.size() != 0) AppendBvh(triangles, AllReferences(triangles), leaf_size, spatial, &bvh);
   return bvh;
-}
-
-// The BVH of the triangles in one δ-leaf.
-inline std::unique_ptr<const BvhArrays> MakeSubtree(const TrianglesView& triangles, std::span<const uint32_t> ids) {
-  std::vector<PartReference> references;
-  for (const uint32_t id : ids) references.push_back({id, triangles[id].GetBounds()});
-  auto subtree = std::make_unique<BvhArrays>();
-  AppendBvh(triangles, references, 2, 0, subtree.get());
-  return subtree;
 }
 
 // Appends the cell of `references`, split at integer planes, which run through corners and flat triangles. A triangle

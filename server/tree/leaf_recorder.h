@@ -1,0 +1,58 @@
+// Tells which leaves of a wide tree rays come to.
+
+#ifndef SERVER_TREE_LEAF_RECORDER_H_
+#define SERVER_TREE_LEAF_RECORDER_H_
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "server/tree/wide_arrays.h"
+
+namespace deltaray {
+
+// While it lives, the kernels that run on its thread record the leaves of one tree that they test: of each leaf with a
+// label the label, once for all threads. Rays that the kernels do not trace (RayKernels' odd ones) are not recorded.
+class LeafRecorder {
+ public:
+  static constexpr uint32_t kNoLabel = UINT32_MAX;
+
+  // `labels`: by unit of the tree's block, of the leaf that begins there. A label that is recorded is taken away. Both
+  // must outlive the recorder. REQUIRES: the thread has no other one.
+  LeafRecorder(const WideArrays& arrays, std::span<std::atomic<uint32_t>> labels)
+      : base_(arrays.block.data()), unit_(UnitBytes(Width(arrays.target))), labels_(labels) {
+    current_ = this;
+  }
+  ~LeafRecorder() { current_ = nullptr; }
+  LeafRecorder(const LeafRecorder&) = delete;
+  LeafRecorder& operator=(const LeafRecorder&) = delete;
+
+  // This thread's; nullptr: nothing is to be recorded.
+  static LeafRecorder* current() { return current_; }
+
+  // `leaf`: where it begins. Throws std::bad_alloc.
+  void Record(const void* leaf) {
+    std::atomic<uint32_t>& label = labels_[static_cast<size_t>(static_cast<const std::byte*>(leaf) - base_) / unit_];
+    if (label.load(std::memory_order_relaxed) == kNoLabel) return;
+    const uint32_t taken = label.exchange(kNoLabel, std::memory_order_relaxed);
+    if (taken != kNoLabel) recorded_.push_back(taken);
+  }
+
+  // The labels recorded so far.
+  std::vector<uint32_t> Take() { return std::exchange(recorded_, {}); }
+
+ private:
+  static inline thread_local constinit LeafRecorder* current_ = nullptr;
+
+  const std::byte* const base_;
+  const size_t unit_;
+  const std::span<std::atomic<uint32_t>> labels_;
+  std::vector<uint32_t> recorded_;
+};
+
+}  // namespace deltaray
+
+#endif  // SERVER_TREE_LEAF_RECORDER_H_

@@ -1,0 +1,54 @@
+#include "server/tree/ray_kernels.h"
+#include "server/tree/suspects.h"
+
+// Only these are of use: SSSE3 processors without SSE4.2 are gone, and what AVX-512 got later brings nothing here.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_AVX3_DL)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "server/tree/recording_kernels.cc"
+#include "hwy/foreach_target.h"
+#include "hwy/highway.h"
+
+// The target that the compiler was told to build for anyway has no registers worth the name.
+#if HWY_TARGET == HWY_SSE4 || HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+
+#include "server/tree/ray_kernels-inl.h"
+#include "server/tree/recording_query-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+struct Recorded {
+  template <typename Query>
+  static RecordingQuery<Query> Of(Query& query) {
+    return RecordingQuery<Query>(query);
+  }
+};
+
+const RayKernels* RecordingKernels() { return Kernels<Recorded>(); }
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif
+
+#if HWY_ONCE
+
+namespace deltaray {
+
+const RayKernels& RecordingKernelsOf(SimdTarget target) {
+  switch (target) {
+    case SimdTarget::kSse4:
+      break;
+    case SimdTarget::kAvx2:
+      return *N_AVX2::RecordingKernels();
+    case SimdTarget::kAvx512:
+      return *N_AVX3::RecordingKernels();
+  }
+  return *N_SSE4::RecordingKernels();
+}
+
+}  // namespace deltaray
+
+#endif  // HWY_ONCE

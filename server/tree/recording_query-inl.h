@@ -1,0 +1,55 @@
+// Any query, in a tree whose leaves are being recorded.
+
+#if defined(SERVER_TREE_RECORDING_QUERY_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_RECORDING_QUERY_INL_H_
+#undef SERVER_TREE_RECORDING_QUERY_INL_H_
+#else
+#define SERVER_TREE_RECORDING_QUERY_INL_H_
+#endif
+
+#include <cstdint>
+
+#include "hwy/highway.h"
+#include "server/tree/leaf_recorder.h"
+#include "server/tree/leaf_test-inl.h"
+#include "server/tree/ray_slot.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+// Does as `Query`, and tells this thread's LeafRecorder of each leaf that is tested. A type of its own, so that nothing
+// is asked of the recorder where there is none.
+template <typename Query>
+class RecordingQuery {
+ public:
+  struct Test : Query::Test {
+    using First = typename Query::Test::First;
+
+    HWY_ATTR static HWY_INLINE First Start(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
+      LeafRecorder::current()->Record(leaf.columns);
+      return Query::Test::Start(ray, leaf, first);
+    }
+  };
+  using First = typename Test::First;
+  static constexpr bool kOrdered = Query::kOrdered;
+
+  explicit RecordingQuery(Query& query) : query_(query) {}
+
+  HWY_ATTR static void SetUp(RaySlot& ray) { Query::SetUp(ray); }
+  HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
+    query_.Take(ray, leaf, first, start);
+  }
+  static float Limit(const RaySlot& ray) { return Query::Limit(ray); }
+  void Miss(uint32_t ray) { query_.Miss(ray); }
+  HWY_ATTR void End(RaySlot& ray) { query_.End(ray); }
+
+ private:
+  Query& query_;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_RECORDING_QUERY_INL_H_
