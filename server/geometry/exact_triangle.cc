@@ -1,10 +1,12 @@
 #include "server/geometry/exact_triangle.h"
 
+#include <algorithm>
 #include <bit>
 #include <boost/multiprecision/cpp_int.hpp>
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
+#include <type_traits>
 
 namespace deltaray {
 namespace {
@@ -16,60 +18,80 @@ namespace mp = boost::multiprecision;
 using Integer = mp::number<mp::cpp_int_backend<2048, 2048, mp::signed_magnitude, mp::unchecked, void>,
                            mp::expression_template_option::et_off>;
 
+// Where points and direction take at most kNarrowBits bits each, as they do but in scenes of many magnitudes, T has at
+// most 3 * kNarrowBits + 6 bits, and det, U and V no more.
+using Narrow = boost::int128_type;
+constexpr int kNarrowBits = 40;
+
 // A finite float as mantissa * 2^exponent, the mantissa odd or 0.
 struct Parts {
   int32_t mantissa;
   int exponent;
 
   explicit Parts(float x) {
-    const float fraction = std::frexp(x, &exponent);
-    mantissa = static_cast<int32_t>(std::ldexp(fraction, 24));
-    exponent -= 24;
-    if (mantissa == 0) return;
-    const int zeros = std::countr_zero(static_cast<uint32_t>(mantissa));
-    mantissa /= int32_t{1} << zeros;
-    exponent += zeros;
+    const auto bits = std::bit_cast<uint32_t>(x);
+    const uint32_t biased = bits >> 23 & 0xFF, fraction = bits & 0x7F'FFFF;
+    uint32_t magnitude = biased == 0 ? fraction : fraction | 0x80'0000;  // subnormal numbers and 0 have no leading one
+    exponent = std::max(static_cast<int>(biased), 1) - 150;
+    if (magnitude != 0) {
+      const int zeros = std::countr_zero(magnitude);
+      magnitude >>= zeros;
+      exponent += zeros;
+    }
+    mantissa = std::signbit(x) ? -static_cast<int32_t>(magnitude) : static_cast<int32_t>(magnitude);
   }
 };
 
-// The exponent of the power of two of which all coordinates are multiples; 0 where all are 0.
-int CommonExponent(std::initializer_list<Vec3f> points) {
-  int least = 128;
-  for (const Vec3f& point : points) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const Parts parts(point[axis]);
-      if (parts.mantissa != 0) least = std::min(least, parts.exponent);
+// What some coordinates have in common: all are multiples of 2^least, and less than 2^end. 0 and 0 where all are 0.
+struct Exponents {
+  int least = 0, end = 0;
+
+  explicit Exponents(std::initializer_list<Vec3f> points) {
+    bool is_first = true;
+    for (const Vec3f& point : points) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const Parts parts(point[axis]);
+        if (parts.mantissa == 0) continue;
+        const int bits = static_cast<int>(std::bit_width(static_cast<uint32_t>(std::abs(parts.mantissa))));
+        least = is_first ? parts.exponent : std::min(least, parts.exponent);
+        end = is_first ? parts.exponent + bits : std::max(end, parts.exponent + bits);
+        is_first = false;
+      }
     }
   }
-  return least == 128 ? 0 : least;
-}
 
-Integer Scaled(float x, int exponent) {
+  bool AreNarrow() const { return end - least <= kNarrowBits; }
+};
+
+template <typename Int>
+Int Scaled(float x, int exponent) {
   const Parts parts(x);
   if (parts.mantissa == 0) return 0;
-  return Integer(parts.mantissa) << (parts.exponent - exponent);
+  if constexpr (std::is_same_v<Int, Narrow>) {
+    return Int{parts.mantissa} * (Int{1} << (parts.exponent - exponent));
+  } else {
+    return Int(parts.mantissa) << (parts.exponent - exponent);
+  }
 }
 
-Vec3<Integer> Scaled(Vec3f a, int exponent) {
-  return {Scaled(a.x, exponent), Scaled(a.y, exponent), Scaled(a.z, exponent)};
+template <typename Int>
+Vec3<Int> Scaled(Vec3f a, int exponent) {
+  return {Scaled<Int>(a.x, exponent), Scaled<Int>(a.y, exponent), Scaled<Int>(a.z, exponent)};
 }
 
 // The quantities of [Möller and Trumbore 1997] as integers: t = T / det * 2^t_exponent, u = U / det, v = V / det.
 // det >= 0: where it was negative, all signs are turned.
-struct Exact {
-  Integer det, t, u, v;
-  int t_exponent;
+template <typename Int>
+struct Quantities {
+  Int det, t, u, v;
   bool back;
 
-  Exact(const Ray& ray, const Triangle& triangle) {
-    const int position_exponent = CommonExponent({triangle.v0, triangle.v1, triangle.v2, ray.origin});
-    const int direction_exponent = CommonExponent({ray.direction});
-    t_exponent = position_exponent - direction_exponent;
-    const auto v0 = Scaled(triangle.v0, position_exponent);
-    const auto e1 = Scaled(triangle.v1, position_exponent) - v0;
-    const auto e2 = Scaled(triangle.v2, position_exponent) - v0;
-    const auto s = Scaled(ray.origin, position_exponent) - v0;
-    const auto d = Scaled(ray.direction, direction_exponent);
+  Quantities(const Ray& ray, const Triangle& triangle, int position_exponent, int direction_exponent) {
+    const auto v0 = Scaled<Int>(triangle.v0, position_exponent);
+    const auto e1 = Scaled<Int>(triangle.v1, position_exponent) - v0;
+    const auto e2 = Scaled<Int>(triangle.v2, position_exponent) - v0;
+    const auto s = Scaled<Int>(ray.origin, position_exponent) - v0;
+    const auto d = Scaled<Int>(ray.direction, direction_exponent);
     const auto p = Cross(d, e2), q = Cross(s, e1);
     det = Dot(e1, p);
     t = Dot(e2, q);
@@ -84,12 +106,23 @@ struct Exact {
     }
   }
 
-  // The sign of t - end. REQUIRES: det > 0, `end` finite.
-  int CompareT(float end) const {
-    const Parts parts(end);
-    return Compare(t, t_exponent, det * parts.mantissa, parts.exponent);
-  }
+  bool IsInside() const { return det != 0 && u >= 0 && v >= 0 && u + v <= det; }
+};
 
+// T and det alone, with which t can be compared.
+struct ExactT {
+  Integer t, det;  // t / det * 2^exponent; det > 0
+  int exponent;
+
+  // The sign of this - end. REQUIRES: `end` is finite.
+  int Compare(float end) const {
+    const Parts parts(end);
+    return Compare(t, exponent, det * parts.mantissa, parts.exponent);
+  }
+  // The sign of this - other.
+  int Compare(const ExactT& other) const { return Compare(t * other.det, exponent, other.t * det, other.exponent); }
+
+ private:
   // The sign of a * 2^a_exponent - b * 2^b_exponent.
   static int Compare(Integer a, int a_exponent, Integer b, int b_exponent) {
     const int signs = (a > 0) - (a < 0) - ((b > 0) - (b < 0));
@@ -103,6 +136,36 @@ struct Exact {
     return (a > b) - (a < b);
   }
 };
+
+// Calls with(quantities, t_exponent), with the narrowest integers that will do.
+template <typename With>
+auto WithQuantities(const Ray& ray, const Triangle& triangle, With&& with) {
+  const Exponents position({triangle.v0, triangle.v1, triangle.v2, ray.origin}), direction({ray.direction});
+  const int t_exponent = position.least - direction.least;
+  if (position.AreNarrow() && direction.AreNarrow()) {
+    return with(Quantities<Narrow>(ray, triangle, position.least, direction.least), t_exponent);
+  }
+  return with(Quantities<Integer>(ray, triangle, position.least, direction.least), t_exponent);
+}
+
+ExactT MakeExactT(const Ray& ray, const Triangle& triangle) {
+  return WithQuantities(ray, triangle, [](const auto& exact, int t_exponent) {
+    return ExactT{Integer(exact.t), Integer(exact.det), t_exponent};
+  });
+}
+
+// Whether both triangles lie in one plane of constant x, y or z, as floors and the bottoms of what stands on them do:
+// there a ray meets both at the same t.
+bool ShareAxisParallelPlane(const Triangle& a, const Triangle& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const float plane = a.v0[axis];
+    if (a.v1[axis] == plane && a.v2[axis] == plane && b.v0[axis] == plane && b.v1[axis] == plane &&
+        b.v2[axis] == plane) {
+      return true;
+    }
+  }
+  return false;
+}
 
 // A quotient of magnitude `bits` * 2^exponent, bits in [2^61, 2^63) or 0. The last bit is also set where more follow,
 // so that rounding to at most 60 bits goes as for the exact quotient.
@@ -147,46 +210,66 @@ struct RoundedToOdd {
   }
 };
 
+// numerator / denominator * 2^scale, within 2^-50 of itself. REQUIRES: denominator > 0.
+double Quotient(Narrow numerator, Narrow denominator, int scale) {
+  return std::ldexp(static_cast<double>(numerator) / static_cast<double>(denominator), scale);
+}
+double Quotient(const Integer& numerator, const Integer& denominator, int scale) {
+  return RoundedToOdd(numerator, denominator, scale).ToDouble();
+}
+
+thread_local uint64_t exact_decisions = 0;
+
 }  // namespace
 
+uint64_t ExactDecisions() { return exact_decisions; }
+
 bool ExactIsDegenerate(const Triangle& triangle) {
-  const int exponent = CommonExponent({triangle.v0, triangle.v1, triangle.v2});
-  const auto v0 = Scaled(triangle.v0, exponent);
-  return Cross(Scaled(triangle.v1, exponent) - v0, Scaled(triangle.v2, exponent) - v0) == Vec3<Integer>{0, 0, 0};
+  ++exact_decisions;
+  const int exponent = Exponents({triangle.v0, triangle.v1, triangle.v2}).least;
+  const auto v0 = Scaled<Integer>(triangle.v0, exponent);
+  return Cross(Scaled<Integer>(triangle.v1, exponent) - v0, Scaled<Integer>(triangle.v2, exponent) - v0) ==
+         Vec3<Integer>{0, 0, 0};
 }
 
 bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling, Candidate* candidate) {
-  const Exact exact(ray, triangle);
-  if (exact.det == 0) return false;
-  if (culling == (exact.back ? Culling::kBack : Culling::kFront)) return false;
-  if (exact.u < 0 || exact.v < 0 || exact.u + exact.v > exact.det) return false;
-  if (std::isinf(ray.t_min) ? ray.t_min > 0 : exact.CompareT(ray.t_min) < 0) return false;
-  if (std::isinf(ray.t_max) ? ray.t_max < 0 : exact.CompareT(ray.t_max) > 0) return false;
+  ++exact_decisions;
+  return WithQuantities(ray, triangle, [&](const auto& exact, int t_exponent) {
+    if (!exact.IsInside()) return false;
+    if (culling == (exact.back ? Culling::kBack : Culling::kFront)) return false;
+    const ExactT t{Integer(exact.t), Integer(exact.det), t_exponent};
+    if (std::isinf(ray.t_min) ? ray.t_min > 0 : t.Compare(ray.t_min) < 0) return false;
+    if (std::isinf(ray.t_max) ? ray.t_max < 0 : t.Compare(ray.t_max) > 0) return false;
 
-  // The quotients' own rounding, and that of adding the error.
-  constexpr double kError = 0x1p-50;
-  candidate->t = RoundedToOdd(exact.t, exact.det, exact.t_exponent).ToDouble();
-  candidate->u = RoundedToOdd(exact.u, exact.det, 0).ToDouble();
-  candidate->v = RoundedToOdd(exact.v, exact.det, 0).ToDouble();
-  candidate->t_error = kError * std::abs(candidate->t);
-  candidate->u_error = kError * candidate->u;
-  candidate->v_error = kError * candidate->v;
-  candidate->back = exact.back;
-  return true;
+    // The quotients' own error, and the rounding of adding it.
+    constexpr double kError = 0x1p-49;
+    candidate->t = Quotient(exact.t, exact.det, t_exponent);
+    candidate->u = Quotient(exact.u, exact.det, 0);
+    candidate->v = Quotient(exact.v, exact.det, 0);
+    candidate->t_error = kError * std::abs(candidate->t);
+    candidate->u_error = kError * candidate->u;
+    candidate->v_error = kError * candidate->v;
+    candidate->back = exact.back;
+    return true;
+  });
 }
 
 int ExactCompareT(const Ray& ray, const Triangle& a, const Triangle& b) {
   // Scenes with many copies of a triangle compare all of them at every hit.
   if (a.v0 == b.v0 && a.v1 == b.v1 && a.v2 == b.v2) return 0;
-  const Exact exact_a(ray, a), exact_b(ray, b);
-  return Exact::Compare(exact_a.t * exact_b.det, exact_a.t_exponent, exact_b.t * exact_a.det, exact_b.t_exponent);
+  if (ShareAxisParallelPlane(a, b)) return 0;
+  ++exact_decisions;
+  return MakeExactT(ray, a).Compare(MakeExactT(ray, b));
 }
 
 void ExactRound(const Ray& ray, const Triangle& triangle, float* t, float* u, float* v) {
-  const Exact exact(ray, triangle);
-  *t = RoundedToOdd(exact.t, exact.det, exact.t_exponent).ToFloat();
-  *u = RoundedToOdd(exact.u, exact.det, 0).ToFloat();
-  *v = RoundedToOdd(exact.v, exact.det, 0).ToFloat();
+  ++exact_decisions;
+  WithQuantities(ray, triangle, [&](const auto& exact, int t_exponent) {
+    const Integer det(exact.det);
+    *t = RoundedToOdd(Integer(exact.t), det, t_exponent).ToFloat();
+    *u = RoundedToOdd(Integer(exact.u), det, 0).ToFloat();
+    *v = RoundedToOdd(Integer(exact.v), det, 0).ToFloat();
+  });
 }
 
 }  // namespace deltaray

@@ -3,11 +3,16 @@
 #ifndef SERVER_GEOMETRY_EXACT_TRIANGLE_H_
 #define SERVER_GEOMETRY_EXACT_TRIANGLE_H_
 
+#include <cstdint>
+
 #include "server/geometry/ray.h"
 #include "server/geometry/triangle_test.h"
 #include "server/geometry/triangles.h"
 
 namespace deltaray {
+
+// How many of the following questions the calling thread has had answered so far.
+uint64_t ExactDecisions();
 
 // As IsDegenerate.
 bool ExactIsDegenerate(const Triangle& triangle);

@@ -60,6 +60,8 @@ class ClosestCollector final : public Collector {
   ClosestCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options)
       : Collector(triangles, ray, options.culling) {}
 
+  // kNoPrimitive where none is hit.
+  uint32_t primitive() const { return best_.primitive; }
   Hit hit() const { return best_.primitive == kNoPrimitive ? Hit() : Rounded(best_); }
 
  private:

@@ -96,9 +96,11 @@ HWY_ATTR HWY_INLINE MLeaf NotCulled(Culling culling, MLeaf back) {
 // Each level is a test in two steps: the first one finds the lanes that may be hit, mostly none; the second one, which
 // takes what the first one found out, is for the rare leaves that have some.
 
-// AccuracyLevel::kFast.
+// AccuracyLevel::kFast. Smaller determinants count as 0: their inverses may be infinite, and infinity times 0 no
+// number.
 struct FastTest {
   static constexpr bool kExact = false;
+  static constexpr float kLeastDeterminant = 0x1p-126f;
 
   struct First {
     VLeaf det, u, v, t;  // turned so that the determinant counts as positive
@@ -121,8 +123,8 @@ struct FastTest {
         hn::And(hn::Ge(hn::Min(result.u, result.v), zero), hn::Le(hn::Add(result.u, result.v), result.det));
     const MLeaf in_range = hn::And(hn::Ge(result.t, hn::Mul(hn::Set(d, ray.t_min), result.det)),
                                    hn::Le(result.t, hn::Mul(hn::Set(d, ray.limit), result.det)));
-    result.mask =
-        hn::And(hn::And(inside, in_range), hn::And(hn::Gt(result.det, zero), hn::FirstN(d, leaf.count - first)));
+    const MLeaf large = hn::Ge(result.det, hn::Set(d, kLeastDeterminant));
+    result.mask = hn::And(hn::And(inside, in_range), hn::And(large, hn::FirstN(d, leaf.count - first)));
     return result;
   }
 
@@ -146,7 +148,8 @@ struct WatertightTest {
   // Without branches: which axis comes last, and whether it is turned, can not be foretold.
   HWY_ATTR static HWY_INLINE void SetUp(RaySlot& ray) {
     const float x = std::abs(ray.direction[0]), y = std::abs(ray.direction[1]), z = std::abs(ray.direction[2]);
-    const uint32_t last = z >= x && z >= y ? 2 : static_cast<uint32_t>(y > x);
+    const uint32_t z_is = static_cast<uint32_t>(z >= x) & static_cast<uint32_t>(z >= y);
+    const uint32_t last = 2 * z_is | (static_cast<uint32_t>(y > x) & ~z_is);
     constexpr uint32_t kNext[5] = {0, 1, 2, 0, 1};
     // Swaps the others where the last one is turned, which keeps the winding.
     const uint32_t turned = ray.direction[last] < 0;

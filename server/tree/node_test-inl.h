@@ -143,10 +143,13 @@ HWY_ATTR HWY_INLINE hn::Vec<DNodeUint> Packed(hn::Vec<DNodeUint> refs, hn::Mask<
 #endif
 }
 
-// Pushes the children of `node` whose boxes the ray enters within its range: the nearest last, or in any order and
-// without keys.
-template <bool kOrdered>
-HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+// The boxes of a node that a ray enters within its range, and no later than when.
+struct NodeHits {
+  hn::Mask<DNode> mask;
+  hn::Vec<DNode> near;
+};
+
+HWY_ATTR HWY_INLINE NodeHits TestNode(const std::byte* node, const RaySlot& ray) {
   const DNode d;
   const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
     return hn::Load(d, reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper));
@@ -162,15 +165,22 @@ HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const
              far_z = cross(2, kUnitBytes - ray.flip[2], ray.far_offset);
   const auto near = hn::Max(hn::Max(near_x, near_y), hn::Max(near_z, hn::Set(d, ray.t_min)));
   const auto far = hn::Min(hn::Min(far_x, far_y), hn::Min(far_z, hn::Set(d, ray.limit)));
-  const auto hit = hn::Le(near, far);
+  return {hn::Le(near, far), near};
+}
+
+// Pushes the children of `node` whose boxes the ray enters within its range: the nearest last, or in any order and
+// without keys.
+template <bool kOrdered>
+HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+  const NodeHits hits = TestNode(node, ray);
   if (kOrdered) {
-    ray.stack_size +=
-        static_cast<uint32_t>(PushSorted(node, near, hit, stack.keys + ray.stack_size, stack.refs + ray.stack_size));
+    ray.stack_size += static_cast<uint32_t>(
+        PushSorted(node, hits.near, hits.mask, stack.keys + ray.stack_size, stack.refs + ray.stack_size));
   } else {
     const DNodeUint du;
     const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
-    hn::StoreU(Packed(children, hit), du, stack.refs + ray.stack_size);
-    ray.stack_size += static_cast<uint32_t>(hn::CountTrue(d, hit));
+    hn::StoreU(Packed(children, hits.mask), du, stack.refs + ray.stack_size);
+    ray.stack_size += static_cast<uint32_t>(hn::CountTrue(DNode(), hits.mask));
   }
 }
 

@@ -43,21 +43,26 @@ class PacketTraversal {
         setup_(scene.arrays),
         scratch_(StackEntries(scene.arrays.levels), 1, kPacketRays) {}
 
-  // Traces the rays, the first of which has the index `first` in the batch, unless they go ways too different for a
-  // packet to pay; then returns false, and has done nothing. `wide`: takes packets however wide. REQUIRES: as many rays
-  // as a packet has.
-  HWY_ATTR bool Trace(std::span<const Ray> rays, uint32_t first, bool wide) {
-    if (!FindBounds(rays, wide)) return false;
+  enum class Outcome : uint8_t {
+    kTraced,
+    kRefused,  // at once: the rays do not go the same way
+    kGaveUp,   // on the way: where they go, too few rays come to the same leaf for a packet to pay
+  };
+
+  // Traces the rays, the first of which has the index `first` in the batch; or else has answered none. `always`: takes
+  // packets however wide, and does not give up. REQUIRES: as many rays as a packet has.
+  HWY_ATTR Outcome Trace(std::span<const Ray> rays, uint32_t first, bool always) {
+    if (!FindBounds(rays, always)) return Outcome::kRefused;
     rays_ = rays;
     first_ = first;
     rays_are_set_up_ = false;
-    Traverse();
+    if (!Traverse(always)) return Outcome::kGaveUp;
     if (rays_are_set_up_) {
       for (size_t i = 0; i < kPacketRays; ++i) query_.End(slots()[i]);
     } else {
       for (uint32_t i = 0; i < kPacketRays; ++i) query_.Miss(first + i);
     }
-    return true;
+    return Outcome::kTraced;
   }
 
  private:
@@ -68,6 +73,7 @@ class PacketTraversal {
 
   // Sums up the packet. False: its rays do not go the same way.
   HWY_ATTR bool FindBounds(std::span<const Ray> rays, bool wide) {
+    if (!wide && StartApart(rays.front(), rays.back())) return false;
     const D4 d;
     // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max.
     V4 low[2] = {hn::LoadU(d, &rays[0].origin.x), hn::LoadU(d, &rays[0].direction.x)};
@@ -130,6 +136,14 @@ class PacketTraversal {
     return true;
   }
 
+  // For most packets that start too far apart, the first ray and the last one tell.
+  HWY_ATTR bool StartApart(const Ray& a, const Ray& b) const {
+    const D4 d;
+    const V4 apart = hn::Abs(hn::Sub(hn::LoadU(d, &a.origin.x), hn::LoadU(d, &b.origin.x)));
+    const V4 most = hn::Set(d, static_cast<float>(kWidestStart / setup_.scale()));
+    return !hn::AllFalse(d, hn::And(hn::FirstN(d, 3), hn::Ge(apart, most)));
+  }
+
   // As RaySetup has it.
   static float Inverse(float component) {
     return std::abs(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
@@ -154,7 +168,9 @@ class PacketTraversal {
     }
   }
 
-  HWY_ATTR void Traverse() {
+  // False: gave up.
+  HWY_ATTR bool Traverse(bool always) {
+    uint32_t leaves = 0, tests = 0;
     PacketStack stack{scratch_.keys(), scratch_.refs(), scratch_.parents()};
     uint32_t size = 0;
     uint32_t current = ChildRef::Node(0).bits();
@@ -162,13 +178,15 @@ class PacketTraversal {
     while (true) {
       const ChildRef ref(current);
       if (ref.IsLeaf()) {
-        VisitLeaf(ref, parent);
+        ++leaves;
+        tests += VisitLeaf(ref, parent);
+        if (HWY_UNLIKELY(tests < leaves && leaves > kTrialLeaves && !always)) return false;
       } else {
         size = Push(ref.offset(), stack, size);
       }
       // The nearest one that still matters.
       do {
-        if (size == 0) return;
+        if (size == 0) return true;
         --size;
       } while (stack.keys[size] > limit_bits_);
       current = stack.refs[size];
@@ -203,8 +221,8 @@ class PacketTraversal {
     return size + static_cast<uint32_t>(count);
   }
 
-  // Lets the rays that meet the leaf's box test it.
-  HWY_ATTR HWY_INLINE void VisitLeaf(ChildRef leaf, uint32_t parent) {
+  // Lets the rays that meet the leaf's box test it, and returns how many do.
+  HWY_ATTR HWY_INLINE uint32_t VisitLeaf(ChildRef leaf, uint32_t parent) {
     const DNode d;
     if (HWY_UNLIKELY(!rays_are_set_up_)) SetUpRays();
     const std::byte* const node = base_ + parent * kUnitBytes;
@@ -220,6 +238,7 @@ class PacketTraversal {
                 far_z = face(2, kUnitBytes - flip_[2]);
     const LeafView view{reinterpret_cast<const float*>(base_ + leaf.offset() * kUnitBytes), leaf.triangles()};
     bool closer = false;
+    uint32_t tests = 0;
     for (size_t first = 0; first < kPacketRays; first += kWidth) {
       const auto cross = [&](VNode plane, int axis, const float* offset) HWY_ATTR {
         return hn::MulAdd(plane, hn::Load(d, inverse_[axis] + first), hn::Load(d, offset + first));
@@ -230,7 +249,9 @@ class PacketTraversal {
                                 hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, limit_ + first)));
       uint8_t bits[8] = {};
       hn::StoreMaskBits(d, hn::Le(near, far), bits);
-      for (uint32_t rest = bits[0] | uint32_t{bits[1]} << 8; rest != 0; rest &= rest - 1) {
+      const uint32_t met = bits[0] | uint32_t{bits[1]} << 8;
+      tests += static_cast<uint32_t>(std::popcount(met));
+      for (uint32_t rest = met; rest != 0; rest &= rest - 1) {
         const size_t i = first + static_cast<size_t>(std::countr_zero(rest));
         RaySlot& ray = slots()[i];
         ray.current = leaf.bits();
@@ -244,6 +265,7 @@ class PacketTraversal {
       }
     }
     if (closer) UpdateLimit();
+    return tests;
   }
 
   HWY_ATTR HWY_INLINE void UpdateLimit() {
@@ -259,6 +281,8 @@ class PacketTraversal {
   }
 
   static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;
+  // Leaves that a packet comes to before it is asked whether it pays: at less than a test each, it does not.
+  static constexpr uint32_t kTrialLeaves = 32;
 
   const std::byte* const base_;
   Query& query_;

@@ -15,6 +15,7 @@
 #include "server/tree/batch_traversal-inl.h"
 #include "server/tree/packet_traversal-inl.h"
 #include "server/tree/queries-inl.h"
+#include "server/tree/stream_traversal-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace deltaray {
@@ -33,23 +34,64 @@ HWY_ATTR void TraceApart(const WideScene& scene, std::span<const Ray> rays, size
   }
 }
 
+// Where rays turn out to be better off apart, so many are traced so before it is tried again to lead some together.
+constexpr size_t kPacketPause = 256, kStreamPause = 512;
+// Streams whose entries are shared by fewer rays than this are slower than rays apart.
+constexpr double kLeastShare = 3;
+
+// Rays begin to end - 1, in streams where neighbours share their ways: whether they do, the last stream has told.
+// `always`: whether or not they do.
+template <typename Query>
+HWY_ATTR void TraceStreams(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end, bool always,
+                           Query& query, std::vector<uint32_t>* odd) {
+  const bool prefetch = scene.arrays.block.size() > kPrefetchBytes;
+  bool sharing = always;
+  size_t apart = begin, pause_end = begin;
+  for (size_t at = begin; at < end; at += kStreamRays) {
+    const auto stream = rays.subspan(at, std::min(kStreamRays, end - at));
+    if (!sharing && (at < pause_end || !GoSameWay(stream))) continue;
+    TraceApart(scene, rays, apart, at, kInFlight, query, odd);
+    apart = at + stream.size();
+    const auto first = static_cast<uint32_t>(at);
+    const double share = prefetch ? StreamTraversal<Query, true>(scene, query, odd).Trace(stream, first)
+                                  : StreamTraversal<Query, false>(scene, query, odd).Trace(stream, first);
+    sharing = always || share >= kLeastShare;
+    if (!sharing) pause_end = apart + kStreamPause;
+  }
+  TraceApart(scene, rays, apart, end, kInFlight, query, odd);
+}
+
+// Rays begin to end - 1, which are not traced in packets.
+template <typename Query>
+HWY_ATTR void TraceRest(const WideScene& scene, std::span<const Ray> rays, size_t begin, size_t end,
+                        Traversal traversal, Query& query, std::vector<uint32_t>* odd) {
+  if constexpr (!Query::kOrdered) {
+    if (traversal == Traversal::kAuto || traversal == Traversal::kStream) {
+      return TraceStreams(scene, rays, begin, end, traversal == Traversal::kStream, query, odd);
+    }
+  }
+  TraceApart(scene, rays, begin, end, traversal == Traversal::kSingle ? 1 : kInFlight, query, odd);
+}
+
 template <typename Query>
 HWY_ATTR void Trace(const WideScene& scene, std::span<const Ray> rays, Traversal traversal, Query& query,
                     std::vector<uint32_t>* odd) {
-  if (traversal == Traversal::kSingle || traversal == Traversal::kBatch) {
-    return TraceApart(scene, rays, 0, rays.size(), traversal == Traversal::kSingle ? 1 : kInFlight, query, odd);
-  }
+  using Packet = PacketTraversal<Query>;
   // Runs of rays that no packet takes are traced as they end.
-  size_t apart = 0;
-  for (size_t begin = 0; begin + kPacketRays <= rays.size(); begin += kPacketRays) {
-    if (!PacketTraversal<Query>(scene, query)
-             .Trace(rays.subspan(begin, kPacketRays), static_cast<uint32_t>(begin), traversal == Traversal::kPacket)) {
-      continue;
+  size_t rest = 0;
+  if (traversal == Traversal::kAuto || traversal == Traversal::kPacket) {
+    for (size_t begin = 0; begin + kPacketRays <= rays.size();) {
+      const auto outcome =
+          Packet(scene, query)
+              .Trace(rays.subspan(begin, kPacketRays), static_cast<uint32_t>(begin), traversal == Traversal::kPacket);
+      if (outcome == Packet::Outcome::kTraced) {
+        TraceRest(scene, rays, rest, begin, traversal, query, odd);
+        rest = begin + kPacketRays;
+      }
+      begin += outcome == Packet::Outcome::kGaveUp ? kPacketPause : kPacketRays;
     }
-    TraceApart(scene, rays, apart, begin, kInFlight, query, odd);
-    apart = begin + kPacketRays;
   }
-  TraceApart(scene, rays, apart, rays.size(), kInFlight, query, odd);
+  TraceRest(scene, rays, rest, rays.size(), traversal, query, odd);
 }
 
 HWY_ATTR void ClosestHits(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options,

@@ -25,8 +25,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // Directions' components below this count as 0; see README.md.
 constexpr float kLeastComponent = 0x1p-80f;
-// Origins farther out than this many sizes of the mesh are odd.
-constexpr float kFarthestOrigin = 0x1p40f;
+// Origins farther out than this many sizes of the mesh are odd: float's boxes are padded by so much then that tracing
+// in double, ray by ray, is as fast. From 2^21 on they would hold back nothing.
+constexpr float kFarthestOrigin = 0x1p11f;
 
 // Lowers the limit of a ray, or sets it.
 HWY_ATTR HWY_INLINE void SetLimit(RaySlot& slot, float limit) {

@@ -50,9 +50,8 @@ float ClosestDecider::DecideEarly(RaySlot& ray) {
   ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_);
   VisitAll(ray, collector);
   ray.suspect_count = 0;
-  const uint32_t primitive = collector.hit().primitive;
-  if (primitive == kNoPrimitive) return ray.limit;
-  early_.push_back({ray.ray, primitive});
+  if (collector.primitive() == kNoPrimitive) return ray.limit;
+  early_.push_back({ray.ray, collector.primitive()});
   return LimitInFrame(ray, collector.limit());
 }
 

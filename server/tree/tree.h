@@ -18,10 +18,11 @@ enum class AccuracyLevel : uint8_t { kFast = 1, kWatertight = 2, kExact = 3 };
 
 // How rays are led through a tree; answers do not depend on it. Structures that know one way only take that.
 enum class Traversal : uint8_t {
-  kAuto,    // packets where the rays are coherent, batches else
+  kAuto,    // packets or streams where the rays are coherent, batches else
   kSingle,  // one ray after the other
   kBatch,   // many rays in flight, each on its own
-  kPacket,  // neighbours in the batch together
+  kPacket,  // neighbours in the batch together, as one interval of rays
+  kStream,  // neighbours in the batch together, each with its own tests; a batch where the order of hits matters
 };
 
 struct QueryOptions {

@@ -28,10 +28,10 @@ RTCIntersectContext MakeContext(bool coherent) {
   return context;
 }
 
-// Where a ray that was asked hits. Embree marks an occluded ray by tfar = -infinity.
-float Answer(Question question, float tfar, unsigned geometry) {
-  if (question == Question::kAnyHit) return tfar < 0 ? 0 : kInfinity;
-  return geometry == RTC_INVALID_GEOMETRY_ID ? kInfinity : tfar;
+// What a ray that was asked hits. Embree marks an occluded ray by tfar = -infinity.
+Hit Answer(Question question, float tfar, unsigned geometry, unsigned primitive, float u, float v) {
+  if (question == Question::kAnyHit) return tfar < 0 ? Hit{.t = 0} : Hit{};
+  return geometry == RTC_INVALID_GEOMETRY_ID ? Hit{} : Hit{.t = tfar, .u = u, .v = v, .primitive = primitive};
 }
 
 // Rays one by one in memory: rtcIntersect1 and rtcIntersect1M.
@@ -78,8 +78,11 @@ class SingleWorker final : public Kernel::Worker {
     }
   }
 
-  void Store(std::span<float> t) const override {
-    for (size_t i = 0; i < t.size(); ++i) t[i] = Answer(question_, rays_[i].ray.tfar, rays_[i].hit.geomID);
+  void Store(std::span<Hit> hits) const override {
+    for (size_t i = 0; i < hits.size(); ++i) {
+      const auto& [ray, hit] = rays_[i];
+      hits[i] = Answer(question_, ray.tfar, hit.geomID, hit.primID, hit.u, hit.v);
+    }
   }
 
  private:
@@ -139,10 +142,11 @@ class PacketWorker final : public Kernel::Worker {
     }
   }
 
-  void Store(std::span<float> t) const override {
-    for (size_t i = 0; i < t.size(); ++i) {
-      const RayHit& packet = packets_[i / kWidth];
-      t[i] = Answer(question_, packet.ray.tfar[i % kWidth], packet.hit.geomID[i % kWidth]);
+  void Store(std::span<Hit> hits) const override {
+    for (size_t i = 0; i < hits.size(); ++i) {
+      const auto& [ray, hit] = packets_[i / kWidth];
+      const size_t lane = i % kWidth;
+      hits[i] = Answer(question_, ray.tfar[lane], hit.geomID[lane], hit.primID[lane], hit.u[lane], hit.v[lane]);
     }
   }
 

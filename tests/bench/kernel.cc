@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 namespace deltaray {
@@ -25,11 +24,11 @@ class DeltarayWorker final : public Kernel::Worker {
     }
   }
 
-  void Store(std::span<float> t) const override {
-    for (size_t i = 0; i < t.size(); ++i) {
-      t[i] = question_ == Question::kClosestHit ? hits_[i].t
-             : any_[i] != 0                     ? 0
-                                                : std::numeric_limits<float>::infinity();
+  void Store(std::span<Hit> hits) const override {
+    if (question_ == Question::kClosestHit) {
+      std::copy_n(hits_.begin(), hits.size(), hits.begin());
+    } else {
+      for (size_t i = 0; i < hits.size(); ++i) hits[i] = any_[i] != 0 ? Hit{.t = 0} : Hit{};
     }
   }
 

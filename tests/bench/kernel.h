@@ -25,8 +25,8 @@ class Kernel {
     virtual void Load(std::span<const Ray> rays) = 0;
     // Answers the rays that were loaded last. This alone is timed. May be called once for each Load.
     virtual void Trace() = 0;
-    // t[i]: where ray i of the chunk hits; +infinity for a miss. With kAnyHit 0 for a hit.
-    virtual void Store(std::span<float> t) const = 0;
+    // hits[i]: what ray i of the chunk hits. With kAnyHit only t is filled in: 0 for a hit, +infinity for a miss.
+    virtual void Store(std::span<Hit> hits) const = 0;
   };
 
   virtual ~Kernel() = default;

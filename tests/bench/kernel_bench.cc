@@ -16,9 +16,10 @@
 namespace deltaray {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, Traversal>, 4> kModes = {{{"single", Traversal::kSingle},
+constexpr std::array<std::pair<std::string_view, Traversal>, 5> kModes = {{{"single", Traversal::kSingle},
                                                                            {"batch", Traversal::kBatch},
                                                                            {"packet", Traversal::kPacket},
+                                                                           {"stream", Traversal::kStream},
                                                                            {"auto", Traversal::kAuto}}};
 
 // A scene with all that is compared on it.
@@ -66,6 +67,7 @@ absl::StatusOr<std::vector<Racer>> MakeRacers(const Contestants& contestants, co
     if (!level.ok()) return level.status();
     for (const auto& [mode, traversal] : kModes) {
       if (traversal == Traversal::kPacket && !set.coherent) continue;
+      if (traversal == Traversal::kStream && set.question != Question::kAnyHit) continue;
       QueryOptions query;
       query.accuracy = *level;
       query.traversal = traversal;

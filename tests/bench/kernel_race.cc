@@ -28,7 +28,7 @@ struct Result {
 absl::Status Race(const RaySet& set, const Tree& tree, const RaceOptions& options, std::vector<Racer>* racers) {
   const size_t rays = set.rays.size();
   if (rays == 0) return absl::OkStatus();
-  std::vector<float> expected(rays), t(rays);
+  std::vector<Hit> expected(rays), hits(rays);
   TraceAll(*MakeDeltarayKernel(tree, {}, set.question), set.rays, 1, options.chunk, expected);
 
   std::vector<Result> results(racers->size());
@@ -36,11 +36,11 @@ absl::Status Race(const RaySet& set, const Tree& tree, const RaceOptions& option
     const auto& [row, kernel] = (*racers)[i];
     // Each pass finds the caches as its own engine leaves them.
     const size_t warm_up = std::min(kWarmUpRays, rays);
-    TraceAll(*kernel, std::span(set.rays).first(warm_up), row.threads, options.chunk, std::span(t).first(warm_up));
-    const double seconds = TraceAll(*kernel, set.rays, row.threads, options.chunk, t);
+    TraceAll(*kernel, std::span(set.rays).first(warm_up), row.threads, options.chunk, std::span(hits).first(warm_up));
+    const double seconds = TraceAll(*kernel, set.rays, row.threads, options.chunk, hits);
     results[i].mrays_s.Add(MegaraysPerSecond(rays, row.threads, seconds));
     const bool exact = row.level == "exact";
-    const size_t disagreements = CountDisagreements(t, expected, exact ? 0 : kTolerance);
+    const size_t disagreements = CountDisagreements(hits, expected, exact ? 0 : kTolerance);
     results[i].disagreements = std::max(results[i].disagreements, disagreements);
     const double allowed = exact ? 0 : 1e-6 * kMaxDisagreementsPerMillion * static_cast<double>(rays);
     if (static_cast<double>(disagreements) <= allowed) return absl::OkStatus();

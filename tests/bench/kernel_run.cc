@@ -11,7 +11,7 @@
 
 namespace deltaray {
 
-double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<float> t) {
+double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<Hit> hits) {
   std::atomic<size_t> next{0};
   std::vector<double> seconds(threads, 0);
   const auto work = [&](uint32_t thread) {
@@ -22,7 +22,7 @@ double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t thread
       const double start = ThreadCpuSeconds();
       worker->Trace();
       seconds[thread] += ThreadCpuSeconds() - start;
-      worker->Store(t.subspan(first, count));
+      worker->Store(hits.subspan(first, count));
     }
   };
   std::vector<std::thread> others;
@@ -38,10 +38,10 @@ double MegaraysPerSecond(size_t rays, uint32_t threads, double cpu_seconds) {
   return 1e-6 * static_cast<double>(rays) * threads / cpu_seconds;
 }
 
-size_t CountDisagreements(std::span<const float> t, std::span<const float> expected, float tolerance) {
+size_t CountDisagreements(std::span<const Hit> hits, std::span<const Hit> expected, float tolerance) {
   size_t count = 0;
-  for (size_t i = 0; i < t.size(); ++i) {
-    const float a = t[i], b = expected[i];
+  for (size_t i = 0; i < hits.size(); ++i) {
+    const float a = hits[i].t, b = expected[i].t;
     if (std::isinf(a) || std::isinf(b)) {
       count += std::isinf(a) != std::isinf(b);
     } else {

@@ -13,16 +13,16 @@ namespace deltaray {
 
 // Answers `rays` in chunks of `chunk` on `threads` threads, each of which takes the next chunk once it is done with
 // one. Returns the processor seconds of all threads within Kernel::Worker::Trace: what other processes take of the
-// machine does not count. t[i]: as Kernel::Worker::Store tells.
-double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<float> t);
+// machine does not count. hits[i]: as Kernel::Worker::Store tells.
+double TraceAll(const Kernel& kernel, std::span<const Ray> rays, uint32_t threads, size_t chunk, std::span<Hit> hits);
 
 // Rays per second and thread in millions, of a pass that took `cpu_seconds`, times the threads: the speed that the pass
 // would have on as many cores of its own.
 double MegaraysPerSecond(size_t rays, uint32_t threads, double cpu_seconds);
 
-// Number of rays of which `t` and `expected` differ: one is a miss and the other a hit, or they differ by more than
-// `tolerance`, relative to the larger one.
-size_t CountDisagreements(std::span<const float> t, std::span<const float> expected, float tolerance);
+// Number of rays of which the t of `hits` and `expected` differ: one is a miss and the other a hit, or they differ by
+// more than `tolerance`, relative to the larger one.
+size_t CountDisagreements(std::span<const Hit> hits, std::span<const Hit> expected, float tolerance);
 
 }  // namespace deltaray
 

@@ -105,23 +105,22 @@ std::vector<std::string> KernelTable::Summary() const {
   const auto sets = Distinct<std::string>(rows_, [](const KernelRow& row) { return row.rays; });
   std::vector<std::string> lines;
   for (const uint32_t threads : Distinct<uint32_t>(rows_, [](const KernelRow& row) { return row.threads; })) {
-    Block batches(absl::StrCat("batch / single or 1M, ", threads));
-    Block packets(absl::StrCat("packet / packet, ", threads));
+    Block others(absl::StrCat("auto / single or 1M, ", threads));
+    Block cameras(absl::StrCat("auto / packets, ", threads));
     for (const std::string& scene : scenes) {
       for (const std::string& rays : sets) {
         const bool camera = rays == "camera";
         std::array<std::optional<double>, kComparisons.size()> ratios;
         for (size_t i = 0; i < ratios.size(); ++i) {
           const auto& [title, ours, theirs] = kComparisons[i];
-          ratios[i] = camera ? Ratio(Best(scene, rays, "deltaray", {"packet"}, ours, threads),
-                                     Best(scene, rays, "embree", {"16", "8"}, theirs, threads))
-                             : Ratio(Best(scene, rays, "deltaray", {"batch"}, ours, threads),
-                                     Best(scene, rays, "embree", {"single", "1M"}, theirs, threads));
+          const auto peer = camera ? Best(scene, rays, "embree", {"16", "8"}, theirs, threads)
+                                   : Best(scene, rays, "embree", {"single", "1M"}, theirs, threads);
+          ratios[i] = Ratio(Best(scene, rays, "deltaray", {"auto"}, ours, threads), peer);
         }
-        (camera ? packets : batches).Add(absl::StrCat(scene, " ", rays), ratios);
+        (camera ? cameras : others).Add(absl::StrCat(scene, " ", rays), ratios);
       }
     }
-    for (Block* const block : {&batches, &packets}) {
+    for (Block* const block : {&others, &cameras}) {
       for (std::string& line : block->Finish()) lines.push_back(std::move(line));
     }
   }

@@ -32,8 +32,8 @@ class KernelTable {
                              uint32_t threads) const;
 
   // Lines of text: for each number of threads how many times as fast as Embree deltaray is, by scene and set of rays,
-  // with the geometric mean and the minimum of each column. Sets other than "camera" compare the mode "batch" with the
-  // better of Embree's "single" and "1M", camera rays "packet" with its packets.
+  // with the geometric mean and the minimum of each column. The mode "auto" is compared: of camera rays with Embree's
+  // packets, of other sets with the better of its "single" and "1M".
   std::vector<std::string> Summary() const;
 
  private:

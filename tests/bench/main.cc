@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "tests/bench/accuracy_bench.h"
 #include "tests/bench/build_bench.h"
 #include "tests/bench/kernel_bench.h"
 #include "tests/bench/paper_bench.h"
@@ -100,12 +101,24 @@ int main(int argc, char** argv) {
   scale->add_option("--rounds", scale_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
   scale->add_option("--csv", scale_options.csv, "File to write; - is standard output");
 
+  deltaray::AccuracyBenchOptions accuracy_options;
+  accuracy_options.structures = {"hybrid", "kd_tree", "bvh", "sbvh", "tang2015", "embree"};
+  accuracy_options.csv = "-";
+  CLI::App* const accuracy =
+      app.add_subcommand("accuracy", "Speed against accuracy where methods fail, beside Embree's.");
+  accuracy->add_option("--families", accuracy_options.families, "Of tests/stability/README.md; all by default");
+  accuracy->add_option("--structures", accuracy_options.structures, "hybrid, kd_tree, bvh, sbvh, tang2015, embree");
+  accuracy->add_option("--rays", accuracy_options.rays, "Of each family")->check(CLI::Range(1, 10'000'000));
+  accuracy->add_option("--rounds", accuracy_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));
+  accuracy->add_option("--csv", accuracy_options.csv, "File to write; - is standard output");
+
   CLI11_PARSE(app, argc, argv);
-  const absl::Status status = build->parsed()     ? deltaray::RunBuildBench(build_options)
-                              : kernel->parsed()  ? deltaray::RunKernelBench(kernel_options)
-                              : scale->parsed()   ? deltaray::RunScaleBench(scale_options)
-                              : service->parsed() ? deltaray::RunServiceBench(service_options)
-                                                  : deltaray::RunPaperBench(paper_options);
+  const absl::Status status = build->parsed()      ? deltaray::RunBuildBench(build_options)
+                              : accuracy->parsed() ? deltaray::RunAccuracyBench(accuracy_options)
+                              : kernel->parsed()   ? deltaray::RunKernelBench(kernel_options)
+                              : scale->parsed()    ? deltaray::RunScaleBench(scale_options)
+                              : service->parsed()  ? deltaray::RunServiceBench(service_options)
+                                                   : deltaray::RunPaperBench(paper_options);
   if (status.ok()) return 0;
   std::cerr << "deltaray_bench: " << status.message() << '\n';
   return 1;

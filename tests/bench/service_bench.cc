@@ -110,11 +110,11 @@ absl::Status MeasureThroughput(const ServerProcess& server, const Target& target
   const double mrays = 1e-6 * static_cast<double>(rays) * passes;
   const uint32_t cores = std::thread::hardware_concurrency();
   Samples kernel_cpu;
-  std::vector<float> t(rays);
+  std::vector<Hit> hits(rays);
   const absl::Status status = Interleave(loads->size(), options.rounds, [&](size_t i) {
     Load& load = (*loads)[i];
     const double kernel =
-        1e6 / static_cast<double>(rays) * TraceAll(*target.kernel, target.set->rays, cores, kChunk, t);
+        1e6 / static_cast<double>(rays) * TraceAll(*target.kernel, target.set->rays, cores, kChunk, hits);
     const double server_start = server.CpuSeconds();
     BuildCost cost;
     const Stopwatch stopwatch;
@@ -210,7 +210,9 @@ absl::Status MeasureScene(const ServerProcess& server, Connection& connection, c
                   WireRays(set->rays),
                   MakeDeltarayKernel(tree, {}, Question::kClosestHit),
                   std::vector<float>(set->rays.size())};
-    TraceAll(*target.kernel, set->rays, 1, kChunk, target.t);
+    std::vector<Hit> hits(set->rays.size());
+    TraceAll(*target.kernel, set->rays, 1, kChunk, hits);
+    std::ranges::transform(hits, target.t.begin(), &Hit::t);
     if (absl::Status status = MeasureThroughput(server, target, options, lines); !status.ok()) return status;
     if (absl::Status status = MeasureLatency(connection, target, options, lines); !status.ok()) return status;
   }

@@ -67,14 +67,15 @@ TEST_P(AnswersTest, EveryStructureAnswersAsBruteForce) {
     const auto snapshot = BuildToEnd(scene, MakeConfig(Builder::kHybrid, Preset::kBalanced), 2, target);
     ASSERT_NE(snapshot, nullptr);
     size_t first = 0;
-    for (const Traversal traversal : {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket}) {
+    for (const Traversal traversal :
+         {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket, Traversal::kStream}) {
       EXPECT_TRUE(answers.Match(*snapshot->tree, first++, kStride, traversal)) << static_cast<int>(traversal);
     }
   }
 }
 
 TEST(AnswersTest, TheRaysAreMoreThanAHundredThousand) {
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
   GTEST_SKIP() << "under sanitizers there are fewer";
 #endif
   size_t rays = 0;

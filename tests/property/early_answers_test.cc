@@ -12,7 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "gtest/gtest.h"
 #include "server/build/build.h"
-#include "server/build/mutex.h"
+#include "tests/property/gated_build.h"
 #include "tests/property/reference_answers.h"
 #include "tests/property/test_scenes.h"
 #include "tests/scenes/load.h"
@@ -21,47 +21,6 @@
 
 namespace deltaray {
 namespace {
-
-// Lets so many δ-leaves be built, and holds up the tasks of others.
-class Gate {
- public:
-  void Let(uint64_t leaves) {
-    {
-      MutexLock lock(mutex_);
-      let_ += leaves;
-    }
-    changed_.notify_all();
-  }
-  void Pass() {
-    MutexLock lock(mutex_);
-    while (let_ == 0) changed_.wait(mutex_);
-    --let_;
-  }
-
- private:
-  Mutex mutex_;
-  Condition changed_;
-  uint64_t let_ ABSL_GUARDED_BY(mutex_) = 0;
-};
-
-constexpr uint64_t kAllLeaves = uint64_t{1} << 40;
-
-// Opens the gate however the test ends, before the build is destroyed, which waits for its tasks.
-struct GatedBuild {
-  GatedBuild(std::shared_ptr<const TriangleMesh> mesh, const Config& config, uint32_t threads)
-      : build(Build::Start(std::move(mesh), {config, threads, [gate = gate] { gate->Pass(); }})) {}
-  ~GatedBuild() { gate->Let(kAllLeaves); }
-
-  // Returns once `leaves` more are built, and no other.
-  void Advance(uint64_t leaves) {
-    const uint64_t wanted = build->progress().delta_leaves_built + leaves;
-    gate->Let(leaves);
-    while (build->progress().delta_leaves_built < wanted) std::this_thread::sleep_for(std::chrono::microseconds(100));
-  }
-
-  std::shared_ptr<Gate> gate = std::make_shared<Gate>();
-  std::shared_ptr<Build> build;
-};
 
 class EarlyAnswersTest : public testing::TestWithParam<std::string> {};
 

@@ -19,11 +19,12 @@
 namespace deltaray {
 namespace {
 
-constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket};
+constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket,
+                                     Traversal::kStream};
 
 // Rays of each test: of the environment's DELTARAY_RAYS, else few enough for every day.
 size_t RayCount() {
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
   return 1000;
 #endif
   const char* const given = std::getenv("DELTARAY_RAYS");

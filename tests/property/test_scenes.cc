@@ -17,7 +17,7 @@
 namespace deltaray {
 namespace {
 
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
 constexpr size_t kRays = 256, kTieRays = 64, kFewRays = 32;
 #else
 constexpr size_t kRays = 5376, kTieRays = 1024, kFewRays = 512;
@@ -26,10 +26,10 @@ constexpr size_t kRays = 5376, kTieRays = 1024, kFewRays = 512;
 // Fewer where a ray takes long: in the bunny, by brute force, and where much is decided exactly, since a ray meets many
 // triangles at one t or since floating point can not hold the products of coordinates.
 size_t RayCount(std::string_view name) {
-  for (const char* ties : {"coplanar_overlap", "geometric_series", "voxels"}) {
+  for (const char* ties : {"coplanar_overlap", "geometric_series", "voxels", "ulp_layers", "needle_fan"}) {
     if (name == ties) return kTieRays;
   }
-  for (const char* slow : {"bunny", "fan", "copies", "coincident", "mixed_magnitudes"}) {
+  for (const char* slow : {"bunny", "fan", "copies", "coincident", "mixed_magnitudes", "any_bits"}) {
     if (name == slow) return kFewRays;
   }
   return kRays;
@@ -70,8 +70,9 @@ std::vector<Ray> TestRays(const TestScene& scene) {
   const Bounds bounds = MeshBounds(mesh);
   std::vector<Ray> rays;
   if (!mesh.indices.empty()) {
-    // A sixteenth for each of eight hard families, three for rays that end at hits of those, four for common ones.
-    const size_t part = scene.ray_count / 16;
+    // A twentieth for each of eleven hard families, three for rays that end at hits of those, and for common ones one
+    // each, the chords all that is left.
+    const size_t part = scene.ray_count / 20;
     uint64_t seed = 100;
     for (const HardRays& family : HardRayFamilies()) {
       Append(family.make(mesh, static_cast<uint32_t>(part), ++seed), part, &rays);

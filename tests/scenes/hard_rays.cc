@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -137,14 +138,16 @@ std::vector<Ray> FromSurface(const TriangleMesh& mesh, uint32_t count, uint64_t 
 std::vector<Ray> FromAfar(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
   return MakeRays(mesh, count, seed, [](Sampler& s, uint32_t) {
     const Vec3d target = s.PickInside();
-    return Aim(target + s.random().LogUniform(1e3, 1e9) * s.size() * s.random().OnUnitSphere(), target);
+    const double sizes = s.random().LogUniform(1e3, 1e9);
+    return Aim(target + sizes * s.size() * s.random().OnUnitSphere(), target);
   });
 }
 
 std::vector<Ray> AtAllSpeeds(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
   return MakeRays(mesh, count, seed, [](Sampler& s, uint32_t) {
     const Vec3d target = s.PickInside();
-    return Aim(s.PickAround(), target, s.random().LogUniform(1e-20, 1e20));
+    const Vec3d origin = s.PickAround();
+    return Aim(origin, target, s.random().LogUniform(1e-20, 1e20));
   });
 }
 
@@ -177,10 +180,68 @@ std::vector<Ray> OddIntervals(const TriangleMesh& mesh, uint32_t count, uint64_t
   });
 }
 
+// Origin and end are in the plane of one triangle: exactly, where its corners are small integers; else within rounding
+// of it.
+std::vector<Ray> InPlanes(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
+  return MakeRays(mesh, count, seed, [](Sampler& s, uint32_t) {
+    const auto [a, b, c] = s.PickTriangle();
+    const auto steps = [&] { return static_cast<double>(s.random().Below(6)) - 2; };
+    const auto pick = [&, a = a, e1 = b - a, e2 = c - a] {
+      const double i = steps(), j = steps();
+      return a + i * e1 + j * e2;
+    };
+    const Vec3d origin = pick(), target = pick();
+    return Aim(origin, target);
+  });
+}
+
+// Along an axis but for components that are smaller by up to all that float can tell.
+std::vector<Ray> NearlyAlongAxes(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
+  std::vector<Ray> rays = AlongAxes(mesh, count, seed);
+  Random random(seed + 1);
+  for (Ray& ray : rays) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (ray.direction[axis] != 0 || random.Below(4) == 0) continue;
+      const double part = random.LogUniform(1e-44, 1e-3);
+      ray.direction[axis] = static_cast<float>(random.Below(2) == 0 ? part : -part);
+    }
+  }
+  return rays;
+}
+
+// A float of random bits, but not infinite or NaN.
+float AnyFloat(Random& random) {
+  while (true) {
+    const auto x = std::bit_cast<float>(random.Below(0xFFFFFFFF));
+    if (std::isfinite(x)) return x;
+  }
+}
+Vec3f AnyVector(Random& random) {
+  const float x = AnyFloat(random), y = AnyFloat(random), z = AnyFloat(random);
+  return {x, y, z};
+}
+
+// Origins of random bits; directions likewise, or towards the mesh; intervals likewise, or everything before the
+// origin.
+std::vector<Ray> OfAnyBits(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
+  return MakeRays(mesh, count, seed, [](Sampler& s, uint32_t i) {
+    Ray ray;
+    ray.origin = AnyVector(s.random());
+    ray.direction = i % 2 == 0 ? AnyVector(s.random()) : Aim(static_cast<Vec3d>(ray.origin), s.PickInside()).direction;
+    if (i % 4 < 2) return ray;
+    ray.t_min = AnyFloat(s.random());
+    ray.t_max = AnyFloat(s.random());
+    return ray;
+  });
+}
+
 constexpr HardRays kFamilies[] = {
-    {"at_vertices", AtVertices},      {"at_edges", AtEdges},           {"along_axes", AlongAxes},
-    {"in_axis_planes", InAxisPlanes}, {"from_surface", FromSurface},   {"from_afar", FromAfar},
-    {"at_all_speeds", AtAllSpeeds},   {"odd_intervals", OddIntervals},
+    {"at_vertices", AtVertices},    {"at_edges", AtEdges},
+    {"along_axes", AlongAxes},      {"in_axis_planes", InAxisPlanes},
+    {"from_surface", FromSurface},  {"from_afar", FromAfar},
+    {"at_all_speeds", AtAllSpeeds}, {"odd_intervals", OddIntervals},
+    {"in_planes", InPlanes},        {"nearly_along_axes", NearlyAlongAxes},
+    {"of_any_bits", OfAnyBits},
 };
 
 }  // namespace

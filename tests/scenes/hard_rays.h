@@ -22,7 +22,8 @@ struct HardRays {
 
 // The families: aimed at vertices; aimed at edges; along an axis within faces of boxes, with +0 and -0 in the other
 // components; with the origin on a vertex, an edge or inside a triangle; with origins 1e3 to 1e9 sizes away; with
-// directions of length 1e-20 to 1e20; with an interval that begins behind the origin or ends at a vertex.
+// directions of length 1e-20 to 1e20; with an interval that begins behind the origin or ends at a vertex; in the plane
+// of a triangle; along an axis but for components down to 1e-44; with random bits.
 std::span<const HardRays> HardRayFamilies();
 
 // Each ray of `rays` that hits something, with t_max equal to the t of its closest hit, then with t_min equal to it,

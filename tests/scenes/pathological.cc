@@ -1,6 +1,7 @@
 #include "tests/scenes/pathological.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -90,7 +91,8 @@ TriangleMesh HugeAmongTiny(uint32_t size) {
   AddTriangle(&mesh, {-1, -1, 0.5}, {3, -1, 0.6}, {-1, 3, 0.4});
   for (uint32_t i = 0; i < size; ++i) {
     const Vec3d p = random.InUnitBox();
-    AddTriangle(&mesh, p, p + 1e-3 * random.OnUnitSphere(), p + 1e-3 * random.OnUnitSphere());
+    const Vec3d b = p + 1e-3 * random.OnUnitSphere(), c = p + 1e-3 * random.OnUnitSphere();
+    AddTriangle(&mesh, p, b, c);
   }
   return mesh;
 }
@@ -207,6 +209,83 @@ TriangleMesh GeometricSeries(uint32_t size) {
   return mesh;
 }
 
+TriangleMesh UnitSphere(uint32_t size) { return Sphere(size, {0, 0, 0}, 1); }
+// Farther from zero than it is large by as much as leaves its vertices some ten bits.
+TriangleMesh Distant(uint32_t size) { return Sphere(size, {1e4, 1e4, -1e4}, 1); }
+
+// Triangles one step of float wide, side by side, that meet in one vertex.
+TriangleMesh NeedleFan(uint32_t size) {
+  TriangleMesh mesh;
+  mesh.positions.push_back({0, 0, 0.5f});
+  for (uint32_t i = 0; i <= size; ++i) mesh.positions.push_back({1, 1 + static_cast<float>(i) * 0x1p-23f, 0.25f});
+  for (uint32_t i = 0; i < size; ++i) mesh.indices.push_back({0, 1 + i, 2 + i});
+  mesh.face_count = size;
+  return mesh;
+}
+
+// Moves coordinates by one step of float up or down, or not at all.
+Vec3d Jitter(Vec3d p, Random& random) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto x = static_cast<float>(p[axis]);
+    const float towards[] = {x, -Bounds::kInfinity, Bounds::kInfinity};
+    p[axis] = std::nextafter(x, towards[random.Below(3)]);
+  }
+  return p;
+}
+
+// Squares of a sheet that do not quite share their vertices, so that there are cracks and overlaps one step wide.
+TriangleMesh UlpCracks(uint32_t size) {
+  TriangleMesh mesh;
+  Random random(18);
+  const uint32_t side = Side(size);
+  const auto point = [&](uint32_t x, uint32_t y) {
+    return Jitter(Vec3d{x / 3.0, y / 3.0, 0.7 + 0.1 * (x % 3) - 0.1 * (y % 2)}, random);
+  };
+  for (uint32_t y = 0; y < side; ++y) {
+    for (uint32_t x = 0; x < side; ++x) {
+      const Vec3d a = point(x, y), b = point(x + 1, y), c = point(x + 1, y + 1), d = point(x, y + 1);
+      const Vec3d other_a = Jitter(a, random), other_c = Jitter(c, random);
+      AddTriangle(&mesh, a, b, c);
+      AddTriangle(&mesh, other_a, other_c, d);
+    }
+  }
+  return mesh;
+}
+
+// Triangles about one plane, which they leave by one step of float at most: they cross, and what is between them is
+// less.
+TriangleMesh UlpLayers(uint32_t size) {
+  TriangleMesh mesh;
+  Random random(19);
+  const auto corner = [&](double x, double y) { return Jitter({x + 0.1 * random.Uniform(), y, 1}, random); };
+  for (uint32_t i = 0; i < size; ++i) {
+    const Vec3d a = corner(0, 0), b = corner(1, 0.1), c = corner(0.3, 1);
+    AddTriangle(&mesh, a, b, c);
+  }
+  return mesh;
+}
+
+// Corners of random bits, all of them finite numbers.
+TriangleMesh AnyBits(uint32_t size) {
+  TriangleMesh mesh;
+  Random random(20);
+  const auto coordinate = [&] {
+    while (true) {
+      const auto x = std::bit_cast<float>(random.Below(0xFFFFFFFF));
+      if (std::isfinite(x)) return static_cast<double>(x);
+    }
+  };
+  const auto corner = [&] {
+    const double x = coordinate(), y = coordinate(), z = coordinate();
+    return Vec3d{x, y, z};
+  };
+  for (uint32_t i = 0; i < size; ++i) {
+    const Vec3d a = corner(), b = corner(), c = corner();
+    AddTriangle(&mesh, a, b, c);
+  }
+  return mesh;
+}
+
 TriangleMesh Single(uint32_t) { return Copies(1); }
 TriangleMesh Empty(uint32_t) { return {}; }
 
@@ -231,6 +310,12 @@ constexpr PathologicalScene kScenes[] = {
     {"coplanar_overlap", CoplanarOverlap, 2'000, 200},
     {"t_junctions", TJunctions, 5'000, 200},
     {"geometric_series", GeometricSeries, 120, 60},
+    {"sphere", UnitSphere, 5'000, 600},
+    {"distant", Distant, 5'000, 600},
+    {"needle_fan", NeedleFan, 500, 100},
+    {"ulp_cracks", UlpCracks, 5'000, 200},
+    {"ulp_layers", UlpLayers, 100, 40},
+    {"any_bits", AnyBits, 300, 60},
     {"single", Single, 1, 1},
     {"empty", Empty, 0, 0},
 };

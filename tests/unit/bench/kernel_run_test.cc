@@ -29,9 +29,9 @@ class EchoKernel final : public Kernel {
       rays_ = rays;
     }
     void Trace() override { *traced_ += rays_.size(); }
-    void Store(std::span<float> t) const override {
-      ASSERT_EQ(t.size(), rays_.size());
-      for (size_t i = 0; i < t.size(); ++i) t[i] = rays_[i].origin.x;
+    void Store(std::span<Hit> hits) const override {
+      ASSERT_EQ(hits.size(), rays_.size());
+      for (size_t i = 0; i < hits.size(); ++i) hits[i].t = rays_[i].origin.x;
     }
 
    private:
@@ -48,10 +48,10 @@ TEST(TraceAllTest, GivesEachRayItsAnswerWhateverTheThreads) {
   for (size_t i = 0; i < rays.size(); ++i) rays[i].origin.x = static_cast<float>(i);
   for (const uint32_t threads : {1u, 2u, 5u}) {
     std::atomic<size_t> traced{0};
-    std::vector<float> t(rays.size(), -1);
-    EXPECT_GE(TraceAll(EchoKernel(&traced), rays, threads, 100, t), 0);
+    std::vector<Hit> hits(rays.size());
+    EXPECT_GE(TraceAll(EchoKernel(&traced), rays, threads, 100, hits), 0);
     EXPECT_EQ(traced, rays.size());
-    for (size_t i = 0; i < rays.size(); ++i) ASSERT_EQ(t[i], rays[i].origin.x);
+    for (size_t i = 0; i < rays.size(); ++i) ASSERT_EQ(hits[i].t, rays[i].origin.x);
   }
 }
 
@@ -60,13 +60,19 @@ TEST(MegaraysPerSecondTest, IsThatOfCoresOfTheirOwn) {
   EXPECT_DOUBLE_EQ(MegaraysPerSecond(2'000'000, 2, 0.5), 8);
 }
 
+std::vector<Hit> AtEach(std::initializer_list<float> t) {
+  std::vector<Hit> hits;
+  for (const float each : t) hits.push_back({.t = each});
+  return hits;
+}
+
 TEST(CountDisagreementsTest, ComparesMissesExactlyAndDistancesWithinTheTolerance) {
-  const std::vector<float> expected = {1, 1, kInf, kInf, 2, 0, 0};
-  const std::vector<float> t = {1.0005f, 1.01f, kInf, 3, kInf, 0, 1e-30f};
-  EXPECT_EQ(CountDisagreements(t, expected, 1e-3f), 4u);
-  EXPECT_EQ(CountDisagreements(t, expected, 0), 5u);
+  const std::vector<Hit> expected = AtEach({1, 1, kInf, kInf, 2, 0, 0});
+  const std::vector<Hit> hits = AtEach({1.0005f, 1.01f, kInf, 3, kInf, 0, 1e-30f});
+  EXPECT_EQ(CountDisagreements(hits, expected, 1e-3f), 4u);
+  EXPECT_EQ(CountDisagreements(hits, expected, 0), 5u);
   EXPECT_EQ(CountDisagreements(expected, expected, 0), 0u);
-  EXPECT_EQ(CountDisagreements(std::vector<float>{NAN}, std::vector<float>{1}, 1), 1u);
+  EXPECT_EQ(CountDisagreements(AtEach({NAN}), AtEach({1}), 1), 1u);
 }
 
 }  // namespace

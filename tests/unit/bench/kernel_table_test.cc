@@ -34,14 +34,14 @@ TEST(KernelTableTest, FindsTheFastestOfSomeModes) {
 
 TEST(KernelTableTest, SumsUpRatiosWithMeanAndMinimum) {
   const KernelTable table(
-      {Row("a", "chords", "deltaray", "batch", "watertight", 8), Row("a", "chords", "embree", "single", "fast", 4),
+      {Row("a", "chords", "deltaray", "auto", "watertight", 8), Row("a", "chords", "embree", "single", "fast", 4),
        Row("a", "chords", "embree", "1M", "fast", 2), Row("a", "chords", "embree", "1M", "robust", 1),
-       Row("b", "chords", "deltaray", "batch", "watertight", 4), Row("b", "chords", "embree", "single", "fast", 8),
+       Row("b", "chords", "deltaray", "auto", "watertight", 4), Row("b", "chords", "embree", "single", "fast", 8),
        Row("a", "camera", "deltaray", "batch", "watertight", 99),
-       Row("a", "camera", "deltaray", "packet", "watertight", 30), Row("a", "camera", "embree", "16", "fast", 20)});
+       Row("a", "camera", "deltaray", "auto", "watertight", 30), Row("a", "camera", "embree", "16", "fast", 20)});
   const std::vector<std::string> lines = table.Summary();
   ASSERT_EQ(lines.size(), 9u);
-  EXPECT_THAT(lines[0], HasSubstr("batch / single or 1M, 1"));
+  EXPECT_THAT(lines[0], HasSubstr("auto / single or 1M, 1"));
   // Columns: fast/HIGH, watertight/HIGH, exact/HIGH, watertight/ROBUST.
   EXPECT_THAT(lines[1], MatchesRegex("a chords +- +2.00 +- +8.00"));
   EXPECT_THAT(lines[2], MatchesRegex("b chords +- +0.50 +- +-"));

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "tests/oracle/rational_hit.h"
 #include "tests/scenes/random.h"
-#include "tests/unit/geometry/rational_oracle.h"
 
 namespace deltaray {
 namespace {

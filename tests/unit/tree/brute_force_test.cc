@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "gtest/gtest.h"
-#include "tests/unit/geometry/rational_oracle.h"
+#include "tests/oracle/rational_hit.h"
 #include "tests/unit/tree/small_trees.h"
 
 namespace deltaray {
@@ -17,7 +17,7 @@ std::vector<std::pair<Rational, uint32_t>> OracleHits(const SmallScene& scene, c
   std::vector<std::pair<Rational, uint32_t>> hits;
   for (uint32_t i = 0; i < scene.indices.size(); ++i) {
     if (i == ray.excluded_primitive) continue;
-    const auto hit = OracleTest(ray, scene.view()[i]);
+    const auto hit = FindRationalHit(ray, scene.view()[i]);
     if (!hit || (culling == (hit->back ? Culling::kBack : Culling::kFront))) continue;
     hits.emplace_back(hit->t, i);
   }

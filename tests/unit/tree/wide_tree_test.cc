@@ -17,7 +17,8 @@
 namespace deltaray {
 namespace {
 
-constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket};
+constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Traversal::kBatch, Traversal::kPacket,
+                                     Traversal::kStream};
 constexpr AccuracyLevel kLevels[] = {AccuracyLevel::kFast, AccuracyLevel::kWatertight, AccuracyLevel::kExact};
 
 WideTree MakeWide(const TrianglesView& triangles, size_t leaf_size, int spatial, SimdTarget target) {
@@ -103,6 +104,23 @@ TEST_P(WideTreeTest, OrdinaryRaysAreAnsweredAlikeAtEveryLevel) {
         EXPECT_LE(others, level == AccuracyLevel::kExact ? 0u : rays.size() / 500);
       }
     }
+  }
+}
+
+// Nearly in the plane of a triangle, whose determinant is so small that its inverse is infinite; t = T/det is 0 times
+// that.
+TEST_P(WideTreeTest, FastHitsAreNumbers) {
+  TriangleMesh mesh;
+  mesh.positions = {{0, 0, 0}, {0x1p-65f, 1, 0}, {0, 1, 0x1p-65f}};
+  mesh.indices = {{0, 1, 2}};
+  const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
+  const std::vector<Ray> rays(1, {.origin = {0x1p-67f, 0.5f, 0x1p-67f}, .direction = {0, 1, 0}});
+  std::vector<Hit> hits(1);
+  tree.ClosestHits(rays, {}, hits);
+  EXPECT_EQ(hits[0].t, 0);
+  for (const AccuracyLevel level : kLevels) {
+    tree.ClosestHits(rays, {.accuracy = level}, hits);
+    EXPECT_FALSE(std::isnan(hits[0].t) || std::isnan(hits[0].u) || std::isnan(hits[0].v)) << static_cast<int>(level);
   }
 }
 

@@ -1,8 +1,8 @@
 // What hits what, worked out in rational numbers and by another way than the code under test: the point where the ray
 // meets the triangle's plane, and its areas in a projection.
 
-#ifndef TESTS_UNIT_GEOMETRY_RATIONAL_ORACLE_H_
-#define TESTS_UNIT_GEOMETRY_RATIONAL_ORACLE_H_
+#ifndef TESTS_ORACLE_RATIONAL_HIT_H_
+#define TESTS_ORACLE_RATIONAL_HIT_H_
 
 #include <boost/multiprecision/cpp_int.hpp>
 #include <cmath>
@@ -29,18 +29,18 @@ inline Rational ToRational(double x) {
 
 inline Vec3r ToRational(Vec3f a) { return {ToRational(a.x), ToRational(a.y), ToRational(a.z)}; }
 
-struct OracleHit {
+struct RationalHit {
   Rational t, u, v;
   bool back;
 };
 
-inline std::optional<OracleHit> OracleTest(const Ray& ray, const Triangle& triangle) {
+inline std::optional<RationalHit> FindRationalHit(const Ray& ray, const Triangle& triangle) {
   const Vec3r o = ToRational(ray.origin), d = ToRational(ray.direction), v0 = ToRational(triangle.v0);
   const Vec3r e1 = ToRational(triangle.v1) - v0, e2 = ToRational(triangle.v2) - v0;
   const Vec3r normal = Cross(e1, e2);
   const Rational speed = Dot(normal, d);
   if (speed == 0) return std::nullopt;
-  OracleHit hit;
+  RationalHit hit;
   // Corners in counter-clockwise order are seen from where the normal points.
   hit.back = speed > 0;
   hit.t = Dot(normal, v0 - o) / speed;
@@ -73,4 +73,4 @@ inline bool IsNearestEven(float rounded, const Rational& exact) {
 
 }  // namespace deltaray
 
-#endif  // TESTS_UNIT_GEOMETRY_RATIONAL_ORACLE_H_
+#endif  // TESTS_ORACLE_RATIONAL_HIT_H_
