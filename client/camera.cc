@@ -17,18 +17,6 @@ constexpr double kMargin = 0.05;
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-Vec3 Add(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vec3 Subtract(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 Scale(const Vec3& a, double s) { return {a[0] * s, a[1] * s, a[2] * s}; }
-double Dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double Length(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
-Vec3 Normalize(const Vec3& a) { return Scale(a, 1 / Length(a)); }
-Vec3 Cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-Vec3 FromPoint(const v1::Point& point) { return {point.x(), point.y(), point.z()}; }
-
 // The axes of the picture: unit vectors, at right angles.
 struct View {
   Vec3 right;

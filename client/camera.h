@@ -3,17 +3,15 @@
 #ifndef CLIENT_CAMERA_H_
 #define CLIENT_CAMERA_H_
 
-#include <array>
 #include <cstdint>
 #include <optional>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/vec3.h"
 #include "deltaray/v1/mesh.pb.h"
 
 namespace deltaray {
-
-using Vec3 = std::array<double, 3>;
 
 // What the user gave. Lengths are in the unit of the mesh file.
 struct CameraOptions {

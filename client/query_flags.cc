@@ -1,19 +1,10 @@
 #include "client/query_flags.h"
 
 #include "client/enum_names.h"
+#include "client/named_option.h"
 
 namespace deltaray {
-namespace {
-
-// The contract's limit.
-constexpr size_t kMaxBatchRays = 1 << 20;
-
-}  // namespace
-
-void AddQueryFlags(CLI::App& command, v1::RayQuery& query, size_t& batch_rays) {
-  AddEnumOption<v1::AccuracyLevel>(
-      command, "--accuracy", [&query](v1::AccuracyLevel level) { query.set_accuracy(level); },
-      "Least accuracy to answer with [exact]");
+void AddRayFlags(CLI::App& command, v1::RayQuery& query) {
   AddEnumOption<v1::Culling>(
       command, "--cull", [&query](v1::Culling culling) { query.set_culling(culling); },
       "Side of the triangles to ignore [none]");
@@ -23,6 +14,25 @@ void AddQueryFlags(CLI::App& command, v1::RayQuery& query, size_t& batch_rays) {
   command.add_option_function<float>(
       "--t-max", [&query](const float& t) { query.set_t_max(t); },
       "End of the interval of t, inclusive, for rays without one of their own [inf]");
+}
+
+void AddRaysFormatFlag(CLI::App& command, std::optional<v1::RayLayout>& layout) {
+  AddNamedOption<std::optional<v1::RayLayout>>(
+      command, "--rays-format",
+      {{"csv", std::nullopt},
+       {"f32x6", v1::RAY_LAYOUT_FLOAT32X6},
+       {"f32x8", v1::RAY_LAYOUT_FLOAT32X8},
+       {"f64x6", v1::RAY_LAYOUT_FLOAT64X6},
+       {"f64x8", v1::RAY_LAYOUT_FLOAT64X8}},
+      [&layout](std::optional<v1::RayLayout> value) { layout = value; },
+      "CSV, or raw little-endian arrays of 6 or 8 numbers a ray [csv]");
+}
+
+void AddQueryFlags(CLI::App& command, v1::RayQuery& query, size_t& batch_rays) {
+  AddEnumOption<v1::AccuracyLevel>(
+      command, "--accuracy", [&query](v1::AccuracyLevel level) { query.set_accuracy(level); },
+      "Least accuracy to answer with [exact]");
+  AddRayFlags(command, query);
   command.add_flag_callback(
       "--wait-final", [&query] { query.set_wait(v1::BUILD_WAIT_FINAL); },
       "Wait for the final tree instead of being answered while it is built; the answers are the same");

@@ -6,11 +6,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/input_file.h"
+#include "client/session.h"
 #include "deltaray/v1/ray_service.pb.h"
 
 namespace deltaray {
@@ -42,6 +44,10 @@ absl::StatusOr<std::unique_ptr<RayReader>> OpenCsvRays(InputFile file);
 
 // Rays as the bytes that are sent. A file that ends inside a ray is an error.
 std::unique_ptr<RayReader> OpenRawRays(InputFile file, v1::RayLayout layout);
+
+// Rays of the file at `path`, or of standard input for "-": raw ones of `raw_layout`, else CSV.
+absl::StatusOr<std::unique_ptr<RayReader>> OpenRays(const std::string& path, std::optional<v1::RayLayout> raw_layout,
+                                                    const Session& session);
 
 }  // namespace deltaray
 

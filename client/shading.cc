@@ -30,8 +30,6 @@ uint8_t ToSrgb(double linear) {
   return static_cast<uint8_t>(std::lround(255 * encoded));
 }
 
-double Dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 absl::Status BadColumn(absl::string_view name, size_t bytes, uint32_t rays) {
   return LocalError(absl::StrCat("the server's reply has ", bytes, " bytes of ", name, " for ", rays, " rays"));
 }

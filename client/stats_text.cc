@@ -67,6 +67,7 @@ std::string BuildStatsText(const std::string& mesh_id, const v1::BuildStats& sta
   table.Add({"rays after", absl::StrCat(MomentText(stats.provisional_seconds()), ", first answered after ",
                                         MomentText(stats.first_answer_seconds()))});
   table.Add({"final after", MomentText(stats.total_seconds())});
+  for (int i = 0; i < stats.choices_size(); ++i) table.Add({i == 0 ? "chosen" : "", stats.choices(i)});
   std::string text = table.Render();
   if (stats.phases_size() > 0) absl::StrAppend(&text, "\n", PhasesText(stats));
   if (stats.delta_leaf_size_histogram_size() > 0) absl::StrAppend(&text, "\n", LeafSizesText(stats));

@@ -65,13 +65,6 @@ class ExcludedIds {
   uint64_t rays_read_ = 0;
 };
 
-absl::StatusOr<std::unique_ptr<RayReader>> OpenRays(const CastOptions& options, const Session& session) {
-  auto file = InputFile::Open(options.rays_path, session);
-  if (!file.ok()) return file.status();
-  if (options.raw_layout) return OpenRawRays(*std::move(file), *options.raw_layout);
-  return OpenCsvRays(*std::move(file));
-}
-
 absl::StatusOr<std::unique_ptr<ExcludedIds>> OpenExcluded(const CastOptions& options, const Session& session) {
   if (options.exclude_path.empty()) return nullptr;
   auto file = InputFile::Open(options.exclude_path, session);
@@ -105,7 +98,7 @@ absl::Status Cast(const CastOptions& options, const Session& session) {
   if (!columns.ok()) return columns.status();
   query.mutable_columns()->Add(columns->begin(), columns->end());
 
-  const auto rays = OpenRays(options, session);
+  const auto rays = OpenRays(options.rays_path, options.raw_layout, session);
   if (!rays.ok()) return rays.status();
   query.set_layout((*rays)->layout());
   const auto excluded = OpenExcluded(options, session);
@@ -153,15 +146,7 @@ void AddCastCommand(CLI::App& app, CommandRun& run) {
           "MESH", [options](const std::string& mesh) { options->start.set_mesh(mesh); }, "Id or name")
       ->required();
   command.add_option("RAYS", options->rays_path, "File of rays; - for standard input")->capture_default_str();
-  AddNamedOption<std::optional<v1::RayLayout>>(
-      command, "--rays-format",
-      {{"csv", std::nullopt},
-       {"f32x6", v1::RAY_LAYOUT_FLOAT32X6},
-       {"f32x8", v1::RAY_LAYOUT_FLOAT32X8},
-       {"f64x6", v1::RAY_LAYOUT_FLOAT64X6},
-       {"f64x8", v1::RAY_LAYOUT_FLOAT64X8}},
-      [options](std::optional<v1::RayLayout> layout) { options->raw_layout = layout; },
-      "CSV, or raw little-endian arrays of 6 or 8 numbers a ray [csv]");
+  AddRaysFormatFlag(command, options->raw_layout);
   AddNamedOption<v1::QueryKind>(
       command, "--kind",
       {{"closest", v1::QUERY_KIND_CLOSEST_HIT},

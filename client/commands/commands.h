@@ -26,6 +26,7 @@ void AddRebuildCommand(CLI::App& app, CommandRun& run);
 void AddDeleteCommand(CLI::App& app, CommandRun& run);
 void AddCastCommand(CLI::App& app, CommandRun& run);
 void AddRenderCommand(CLI::App& app, CommandRun& run);
+void AddChartCommand(CLI::App& app, CommandRun& run);
 
 }  // namespace deltaray
 

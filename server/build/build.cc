@@ -201,12 +201,15 @@ class AsynchronousBuild final : public Build {
             .triangles = context_->triangles,
             .delta_leaves = context_->delta_leaves,
             .delta_leaves_built = context_->delta_leaves_built,
+            .lazy = context_->chosen_config().value_or(config_).lazy,
             .elapsed_seconds = context_->elapsed_seconds()};
   }
 
   BuildStatistics statistics() const override {
     BuildStatistics statistics;
-    statistics.config = config_;
+    statistics.config = context_->chosen_config().value_or(config_);
+    statistics.config.preset = config_.preset;
+    statistics.choices = context_->choices();
     statistics.phases = context_->phases();
     statistics.provisional_seconds = state_->provisional_seconds();
     statistics.threads = static_cast<uint32_t>(threads_);
@@ -223,7 +226,7 @@ class AsynchronousBuild final : public Build {
     statistics.peak_build_bytes = context_->peak_bytes();
     const std::optional<TreeShape> shape = state_->final_shape();
     if (shape) statistics.total_seconds = context_->elapsed_seconds();
-    if (shape && !config_.lazy) {
+    if (shape && !statistics.config.lazy) {
       statistics.shape = *shape;
     } else if (const std::shared_ptr<const TreeSnapshot> snapshot = state_->snapshot()) {
       statistics.shape = snapshot->tree->Shape();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <ctime>
+#include <utility>
 
 namespace deltaray {
 namespace {
@@ -30,6 +31,22 @@ std::vector<uint64_t> BuildContext::delta_leaf_size_histogram() const {
   std::vector<uint64_t> histogram(delta_leaf_sizes_.begin(), delta_leaf_sizes_.end());
   while (!histogram.empty() && histogram.back() == 0) histogram.pop_back();
   return histogram;
+}
+
+void BuildContext::SetChoice(const Config& config, std::vector<std::string> reasons) {
+  MutexLock lock(mutex_);
+  chosen_config_ = config;
+  choices_ = std::move(reasons);
+}
+
+std::optional<Config> BuildContext::chosen_config() const {
+  MutexLock lock(mutex_);
+  return chosen_config_;
+}
+
+std::vector<std::string> BuildContext::choices() const {
+  MutexLock lock(mutex_);
+  return choices_;
 }
 
 void BuildContext::CountBytes(int64_t added) {

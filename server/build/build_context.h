@@ -7,8 +7,11 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <optional>
+#include <string>
 #include <vector>
 
+#include "server/build/config.h"
 #include "server/build/mutex.h"
 #include "server/build/statistics.h"
 
@@ -36,6 +39,11 @@ class BuildContext {
   // Counts a δ-leaf of the top, as its size is known. REQUIRES: references > 0.
   void CountDeltaLeaf(uint32_t references);
   std::vector<uint64_t> delta_leaf_size_histogram() const;
+
+  // What Preset::kAuto chose: the config that the build goes by, and why. Nothing before, and for other presets.
+  void SetChoice(const Config& config, std::vector<std::string> reasons);
+  std::optional<Config> chosen_config() const;
+  std::vector<std::string> choices() const;
 
   // Bytes that the build holds besides mesh and tree. The most of them at any time is kept.
   void CountBytes(int64_t added);
@@ -79,6 +87,8 @@ class BuildContext {
   mutable Mutex mutex_;
   std::array<Clock::time_point, kPhases> entered_ ABSL_GUARDED_BY(mutex_){};
   std::array<Clock::time_point, kPhases> left_ ABSL_GUARDED_BY(mutex_){};
+  std::optional<Config> chosen_config_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::string> choices_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace deltaray

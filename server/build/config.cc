@@ -26,6 +26,7 @@ Config MakeConfig(Builder builder, Preset preset) {
         config.spatial_split_gate = 1e-5;
         config.duplication_budget = 1;
       }
+      if (preset == Preset::kAuto) config.delta = kDeltaByMesh;
       if (preset == Preset::kFast) {
         // δ-leaves of one group: there is no tree in them to look for.
         config.delta = 1u << kLeafGroupShift;
@@ -55,8 +56,10 @@ Config MakeConfig(Builder builder, Preset preset) {
 }
 
 absl::Status Validate(const Config& config) {
+  const bool delta_by_mesh =
+      config.delta == kDeltaByMesh && config.preset == Preset::kAuto && config.builder == Builder::kHybrid;
   for (const absl::Status& status : {
-           CheckRange("delta", config.delta, 1, 4096),
+           CheckRange("delta", delta_by_mesh ? 1 : config.delta, 1, 4096),
            CheckRange("alpha", config.alpha, 0, 1),
            CheckRange("cluster_traversal_cost", config.cluster_traversal_cost, 0.001, 1000),
            CheckRange("cluster_intersection_cost", config.cluster_intersection_cost, 0.001, 1000),

@@ -10,7 +10,11 @@
 namespace deltaray {
 
 enum class Builder : uint8_t { kHybrid, kKdTree, kBvh, kSbvh, kTang2015 };
-enum class Preset : uint8_t { kFast, kBalanced, kBest };
+// kAuto: what the mesh needs, see ChooseConfig. The same as kBalanced for every builder but the hybrid.
+enum class Preset : uint8_t { kFast, kBalanced, kBest, kAuto };
+
+// A delta that is to be chosen by the mesh. Only for the hybrid with Preset::kAuto.
+inline constexpr uint32_t kDeltaByMesh = 0;
 
 // Answers do not depend on any of this; speed, memory and build time do. The values here are the balanced hybrid's;
 // other presets and builders are made by MakeConfig.

@@ -23,6 +23,7 @@ std::span<const DeltaLeafCandidate> CandidatesOf(Preset preset) {
     case Preset::kFast:
       return kFastOnes;
     case Preset::kBalanced:
+    case Preset::kAuto:
       return kBalancedOnes;
     case Preset::kBest:
       break;

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/build/auto_config.h"
 #include "server/build/delta_leaf.h"
 #include "server/build/delta_leaf_tasks.h"
 #include "server/build/kd_tree_builder.h"
@@ -17,6 +18,7 @@
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
 #include "server/tree/simd_target.h"
+#include "server/tree/wide_node.h"
 #include "server/tree/wide_tree.h"
 
 namespace deltaray {
@@ -63,7 +65,10 @@ class Run {
 
   absl::StatusOr<std::shared_ptr<const Tree>> Build() {
     absl::StatusOr<ReferenceArray> references = RunPhase(*context_, BuildPhase::kReferences, [&] {
-      return MakeReferences(mesh_->triangles(), config_.duplication_budget, *context_);
+      absl::StatusOr<ReferenceArray> references =
+          MakeReferences(mesh_->triangles(), config_.duplication_budget, *context_);
+      if (references.ok()) Choose(*references);
+      return references;
     });
     if (!references.ok()) return references.status();
     switch (config_.builder) {
@@ -89,6 +94,16 @@ class Run {
   }
 
  private:
+  // Settles what the config that was asked for leaves open.
+  void Choose(ReferenceArray& references) {
+    const bool wide = !SupportedSimdTargets().empty() && mesh_->indices.size() <= kMaxWidePrimitives;
+    ChosenConfig chosen = ChooseConfig(config_, references.span(), wide, *context_);
+    if (chosen.reasons.empty()) return;
+    config_ = chosen.config;
+    if (config_.duplication_budget == 0) references.ShrinkToFit();
+    context_->SetChoice(config_, std::move(chosen.reasons));
+  }
+
   absl::StatusOr<std::shared_ptr<const Tree>> BuildBvh(ReferenceArray references) {
     const absl::StatusOr<SplitTree> tree = RunPhase(*context_, BuildPhase::kTop, [&] {
       return BuildTopDown(std::move(references), mesh_->triangles(), config_, *context_);
@@ -168,7 +183,7 @@ class Run {
 
   const std::shared_ptr<const TriangleMesh>& mesh_;
   const Build::Options& options_;
-  const Config config_;
+  Config config_;
   const std::shared_ptr<BuildContext>& context_;
   const std::function<void(std::shared_ptr<const Tree>)>& publish_provisional_;
 };

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "server/build/config.h"
@@ -27,6 +28,7 @@ struct BuildProgress {
   uint64_t triangles = 0;
   uint64_t delta_leaves = 0;  // final once past kTop
   uint64_t delta_leaves_built = 0;
+  bool lazy = false;  // whether a δ-leaf is built when the first ray reaches it
   double elapsed_seconds = 0;
 };
 
@@ -34,7 +36,10 @@ struct BuildProgress {
 enum class DeltaLeafCandidate : uint8_t { kCombinedCost, kAreaOnly, kDistanceOnly, kTopDown };
 
 struct BuildStatistics {
+  // What the build was asked to be, and with Preset::kAuto the values that were chosen.
   Config config;
+  // Preset::kAuto: what was chosen and why.
+  std::vector<std::string> choices;
   std::vector<PhaseTime> phases;
   double provisional_seconds = 0;
   double total_seconds = 0;  // 0: not finished

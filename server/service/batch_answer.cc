@@ -2,75 +2,24 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstddef>
-#include <new>
 #include <numeric>
 #include <span>
-#include <type_traits>
-#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "server/build/mutex.h"
 #include "server/service/hit_columns.h"
 #include "server/service/ray_batch.h"
-#include "server/service/rpc_status.h"
+#include "server/service/ray_pieces.h"
 #include "server/service/tracer.h"
 
 namespace deltaray {
 namespace {
 
-// Rays of a piece: enough to make the cost of a task vanish and to keep many rays in flight, few enough that all cores
-// end at about the same time, that a cancelled batch ends soon, and that all of a piece stays in the cache.
-constexpr size_t kMinPieceRays = 256;
-constexpr size_t kMaxPieceRays = RayBatchView::kMaxPieceRays;
-// Pieces for each core, where a batch has rays for that many.
-constexpr size_t kPiecesPerCore = 4;
 // A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
 constexpr size_t kPieceHits = size_t{1} << 20;
 constexpr size_t kSmallBatchRays = 256;
 // Bytes of a request or reply besides its arrays, at most: ids, numbers, tags and lengths.
 constexpr uint64_t kOverheadBytes = 512;
-
-// Room on the stack for what a piece has of `T`, as many as its rays, each of which is written before it is read: the
-// defaults of 1024 rays would be 36 KB to write, for a call of one ray too.
-template <typename T>
-class PieceArray {
- public:
-  static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
-
-  explicit PieceArray(size_t size) : size_(size) {}
-  operator std::span<T>() { return {std::launder(reinterpret_cast<T*>(bytes_)), size_}; }
-  operator std::span<const T>() { return std::span<T>(*this); }
-
- private:
-  const size_t size_;
-  alignas(T) std::byte bytes_[kMaxPieceRays * sizeof(T)];
-};
-
-// The first failure by index of ray, of pieces that fail in any order.
-class FirstFailure {
- public:
-  // Whether the piece that begins at `first` still matters.
-  bool Matters(size_t first) const { return first < first_.load(std::memory_order_relaxed); }
-
-  void Note(size_t first, absl::Status status) {
-    MutexLock lock(mutex_);
-    if (first >= first_.load(std::memory_order_relaxed)) return;
-    first_.store(first, std::memory_order_relaxed);
-    status_ = std::move(status);
-  }
-
-  absl::Status status() {
-    MutexLock lock(mutex_);
-    return status_;
-  }
-
- private:
-  std::atomic<size_t> first_{SIZE_MAX};
-  Mutex mutex_;
-  absl::Status status_ ABSL_GUARDED_BY(mutex_);
-};
 
 absl::Status ReplyTooLarge(uint64_t limit) {
   return absl::ResourceExhaustedError(
@@ -99,55 +48,58 @@ class Answering {
   // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
   absl::StatusOr<grpc::Slice> TraceRows() {
     HitColumns columns(query_, rays_.size(), rays_.size(), summary_);
-    absl::Status status = ForPieces(PieceRays(), [&](size_t first, std::span<const Ray> rays) {
-      switch (query_.kind) {
-        case v1::QUERY_KIND_ANY_HIT: {
-          PieceArray<uint8_t> any(rays.size());
-          tree_.AnyHits(rays, query_.options, any);
-          columns.WriteAny(first, any);
-          break;
-        }
-        case v1::QUERY_KIND_COUNT_HITS: {
-          PieceArray<uint32_t> counts(rays.size());
-          tree_.CountHits(rays, query_.options, counts);
-          columns.WriteCounts(first, counts);
-          break;
-        }
-        default: {
-          PieceArray<Hit> hits(rays.size());
-          tree_.ClosestHits(rays, query_.options, hits);
-          columns.WriteHits(first, hits, mesh_);
-        }
-      }
-      return absl::OkStatus();
-    });
+    absl::Status status =
+        ForRayPieces(rays_, PieceRays(rays_.size()), cancelled_, [&](size_t first, std::span<const Ray> rays) {
+          switch (query_.kind) {
+            case v1::QUERY_KIND_ANY_HIT: {
+              PieceArray<uint8_t> any(rays.size());
+              tree_.AnyHits(rays, query_.options, any);
+              columns.WriteAny(first, any);
+              break;
+            }
+            case v1::QUERY_KIND_COUNT_HITS: {
+              PieceArray<uint32_t> counts(rays.size());
+              tree_.CountHits(rays, query_.options, counts);
+              columns.WriteCounts(first, counts);
+              break;
+            }
+            default: {
+              PieceArray<Hit> hits(rays.size());
+              tree_.ClosestHits(rays, query_.options, hits);
+              columns.WriteHits(first, hits, mesh_);
+            }
+          }
+          return absl::OkStatus();
+        });
     if (!status.ok()) return status;
     return columns.Take();
   }
 
   // ALL_HITS: where the rows of a piece belong is known once all hits are found.
   absl::StatusOr<grpc::Slice> TraceAllHits() {
-    const size_t piece_rays = std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, PieceRays());
+    const size_t piece_rays =
+        std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, PieceRays(rays_.size()));
     std::vector<std::vector<Hit>> hits((rays_.size() + piece_rays - 1) / piece_rays);
     std::vector<uint32_t> offsets(rays_.size() + 1);
     std::vector<uint32_t> counts(query_.Wants(v1::HIT_COLUMN_COUNT) ? rays_.size() : 0);
     std::atomic<uint64_t> hits_in_all{0};
     const uint64_t max_hits = MaxHits();
-    absl::Status status = ForPieces(piece_rays, [&](size_t first, std::span<const Ray> rays) -> absl::Status {
-      std::vector<Hit>& found = hits[first / piece_rays];
-      // For now the number of hits of each ray; their sums follow below.
-      const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
-      tree_.AllHits(rays, query_.options, &found, rows);
-      if (hits_in_all.fetch_add(found.size(), std::memory_order_relaxed) + found.size() > max_hits) {
-        return ReplyTooLarge(limits_.max_message_bytes);
-      }
-      if (!counts.empty()) {
-        const std::span<uint32_t> piece_counts = std::span(counts).subspan(first, rays.size());
-        std::copy(rows.begin(), rows.end(), piece_counts.begin());
-        CountBeyondCap(rays, piece_counts);
-      }
-      return absl::OkStatus();
-    });
+    absl::Status status =
+        ForRayPieces(rays_, piece_rays, cancelled_, [&](size_t first, std::span<const Ray> rays) -> absl::Status {
+          std::vector<Hit>& found = hits[first / piece_rays];
+          // For now the number of hits of each ray; their sums follow below.
+          const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
+          tree_.AllHits(rays, query_.options, &found, rows);
+          if (hits_in_all.fetch_add(found.size(), std::memory_order_relaxed) + found.size() > max_hits) {
+            return ReplyTooLarge(limits_.max_message_bytes);
+          }
+          if (!counts.empty()) {
+            const std::span<uint32_t> piece_counts = std::span(counts).subspan(first, rays.size());
+            std::copy(rows.begin(), rows.end(), piece_counts.begin());
+            CountBeyondCap(rays, piece_counts);
+          }
+          return absl::OkStatus();
+        });
     if (!status.ok()) return status;
 
     std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
@@ -161,28 +113,6 @@ class Answering {
   }
 
  private:
-  // Decodes and traces the pieces of the batch by trace(first, rays). Returns the first failure.
-  template <typename Trace>
-  absl::Status ForPieces(size_t piece_rays, const Trace& trace) {
-    FirstFailure failure;
-    Tracer::ForPieces(rays_.size(), piece_rays, [&](size_t first, size_t last) {
-      if (!failure.Matters(first)) return;
-      absl::Status status = CatchExceptions([&]() -> absl::Status {
-        if (cancelled_()) return absl::CancelledError("cancelled");
-        PieceArray<Ray> rays(last - first);
-        if (absl::Status decoded = rays_.Decode(first, rays); !decoded.ok()) return decoded;
-        return trace(first, std::span<const Ray>(rays));
-      });
-      if (!status.ok()) failure.Note(first, std::move(status));
-    });
-    return failure.status();
-  }
-
-  // Rays of a piece: all cores have work from the start, and end at about the same time.
-  size_t PieceRays() const {
-    return std::clamp(rays_.size() / (kPiecesPerCore * Tracer::Concurrency()), kMinPieceRays, kMaxPieceRays);
-  }
-
   // Most rows that the reply can hold: by its bytes, and by the offsets, which are uint32.
   uint64_t MaxHits() const {
     const uint64_t fixed = rays_.size() * BytesPerRay(query_) + kOverheadBytes;

@@ -27,26 +27,35 @@ void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tr
 
 }  // namespace
 
-void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
+void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final,
+             std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
   // Whether WithTree has returned: a thread of the tracer may come back later as one of a build.
   const auto returned = std::make_shared<std::atomic<bool>>(false);
-  const auto on_tree = [backend, job, returned,
+  const auto on_tree = [backend, use, returned,
                         caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
-    if (!tree.ok()) {
-      job->done(tree.status());
-    } else if (std::this_thread::get_id() == caller && !*returned) {
-      Trace(backend, *job, *tree);
+    if (!tree.ok() || (std::this_thread::get_id() == caller && !*returned)) {
+      use(std::move(tree));
     } else {
       // A thread of a build, which must not be held up.
-      backend.tracer->Enqueue([backend, job, tree = *std::move(tree)] { Trace(backend, *job, tree); });
+      backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree); });
     }
   };
   const absl::Status status = CatchExceptions([&] {
-    backend.store->WithTree(job->mesh, job->query.wait_final, on_tree);
+    backend.store->WithTree(mesh, wait_final, on_tree);
     *returned = true;
     return absl::OkStatus();
   });
-  if (!status.ok()) job->done(status);
+  if (!status.ok()) use(status);
+}
+
+void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
+  UseTree(backend, job->mesh, job->query.wait_final, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
+    if (tree.ok()) {
+      Trace(backend, *job, *tree);
+    } else {
+      job->done(tree.status());
+    }
+  });
 }
 
 }  // namespace deltaray

@@ -24,6 +24,15 @@ struct RayBackend {
   BatchLimits limits;
 };
 
+// Calls `use` with the best tree of the mesh that there is, or as soon as there is one (with `wait_final`, the final
+// one), or with why there is none; not at all where the server ends first. It must not throw, and all calls but the
+// first one are to be ignored.
+//
+// Where there is a tree already, `use` runs on the calling thread, else with a tree on one of the tracer. Must not be
+// called with a lock held that `use` takes.
+void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final,
+             std::function<void(absl::StatusOr<MeshStore::Answer>)> use);
+
 struct BatchJob {
   struct Answer {
     std::string mesh_id;

@@ -52,6 +52,33 @@ void SetPoint(Vec3d p, v1::Point* point) {
   point->set_z(p.z);
 }
 
+v1::BuildPreset ToMessage(Preset preset) {
+  switch (preset) {
+    case Preset::kFast:
+      return v1::BUILD_PRESET_FAST;
+    case Preset::kBalanced:
+      return v1::BUILD_PRESET_BALANCED;
+    case Preset::kBest:
+      return v1::BUILD_PRESET_BEST;
+    case Preset::kAuto:
+      return v1::BUILD_PRESET_AUTO;
+  }
+  return v1::BUILD_PRESET_UNSPECIFIED;
+}
+
+Preset ReadPreset(v1::BuildPreset preset) {
+  switch (preset) {
+    case v1::BUILD_PRESET_FAST:
+      return Preset::kFast;
+    case v1::BUILD_PRESET_BEST:
+      return Preset::kBest;
+    case v1::BUILD_PRESET_AUTO:
+      return Preset::kAuto;
+    default:
+      return Preset::kBalanced;
+  }
+}
+
 v1::TreeBuilder ToMessage(Builder builder) {
   switch (builder) {
     case Builder::kHybrid:
@@ -121,10 +148,12 @@ absl::StatusOr<Config> ReadBuildOptions(const v1::BuildOptions& options) {
   if (!v1::BuildPreset_IsValid(options.preset())) return NotInEnum("build_options.preset", options.preset());
   if (!v1::TreeBuilder_IsValid(options.builder())) return NotInEnum("build_options.builder", options.builder());
   const Builder builder = ReadBuilder(options.builder());
-  const Preset preset = options.preset() == v1::BUILD_PRESET_FAST   ? Preset::kFast
-                        : options.preset() == v1::BUILD_PRESET_BEST ? Preset::kBest
-                                                                    : Preset::kBalanced;
+  const Preset preset = ReadPreset(options.preset());
   Config config = MakeConfig(builder, preset);
+  // 0 would leave it to the mesh, which only an unset field does.
+  if (options.has_delta() && options.delta() == kDeltaByMesh) {
+    return absl::InvalidArgumentError("build_options.delta is 0; it must be 1 to 4096");
+  }
   if (options.has_delta()) config.delta = options.delta();
   if (options.has_alpha()) config.alpha = options.alpha();
   if (options.has_traversal_cost()) config.traversal_cost = options.traversal_cost();
@@ -146,11 +175,9 @@ absl::StatusOr<Config> ReadBuildOptions(const v1::BuildOptions& options) {
 
 v1::BuildOptions ToMessage(const Config& config) {
   v1::BuildOptions options;
-  options.set_preset(config.preset == Preset::kFast   ? v1::BUILD_PRESET_FAST
-                     : config.preset == Preset::kBest ? v1::BUILD_PRESET_BEST
-                                                      : v1::BUILD_PRESET_BALANCED);
+  options.set_preset(ToMessage(config.preset));
   options.set_builder(ToMessage(config.builder));
-  options.set_delta(config.delta);
+  if (config.delta != kDeltaByMesh) options.set_delta(config.delta);
   options.set_alpha(config.alpha);
   options.set_traversal_cost(config.traversal_cost);
   options.set_intersection_cost(config.intersection_cost);
@@ -239,6 +266,7 @@ v1::BuildStats ToMessage(const StoredStatistics& stored) {
   stats.set_reference_bytes(statistics.shape.reference_bytes);
   stats.set_mesh_bytes(stored.mesh_bytes);
   stats.set_peak_build_bytes(statistics.peak_build_bytes);
+  for (const std::string& choice : statistics.choices) stats.add_choices(choice);
   return stats;
 }
 

@@ -3,6 +3,7 @@
 #include <memory>
 #include <utility>
 
+#include "server/service/accuracy_comparison.h"
 #include "server/service/message_bytes.h"
 #include "server/service/ray_message.h"
 #include "server/service/rpc_status.h"
@@ -46,6 +47,40 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Unar
   return absl::OkStatus();
 }
 
+// The rest of a CompareAccuracy call, on a thread of the tracer.
+void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const ComparisonQuery& comparison,
+               const RayBatchBytes& rays, UnaryCall& call) {
+  grpc::ByteBuffer reply;
+  const absl::Status status = CatchExceptions([&] {
+    absl::StatusOr<v1::CompareAccuracyResponse> response = CompareAccuracy(
+        *tree.snapshot, comparison, rays, backend.limits.max_rays, [&call] { return call.cancelled(); });
+    if (!response.ok()) return response.status();
+    backend.store->NoteAnswer(tree);
+    response->set_mesh_id(tree.id);
+    reply = SerializeMessage(*response);
+    return absl::OkStatus();
+  });
+  call.Reply(status, std::move(reply));
+}
+
+absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call,
+                              grpc::ByteBuffer bytes) {
+  v1::CompareAccuracyRequest request;
+  const auto rays = std::make_shared<RayBatchBytes>();
+  if (absl::Status status = ParseRayMessage(std::move(bytes), &request, rays.get()); !status.ok()) return status;
+  const absl::StatusOr<ComparisonQuery> comparison = ReadComparison(request);
+  if (!comparison.ok()) return comparison.status();
+  UseTree(backend, request.mesh(), comparison->query.wait_final,
+          [backend, call, rays, comparison = *comparison](absl::StatusOr<MeshStore::Answer> tree) {
+            if (tree.ok()) {
+              CompareOn(*tree, backend, comparison, *rays, *call);
+            } else {
+              call->Reply(tree.status(), {});
+            }
+          });
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
@@ -68,6 +103,17 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext*, co
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* RayHandlers::StreamRays(
     grpc::CallbackServerContext* context) {
   return StreamCall::Start(calls_, backend_, context);
+}
+
+grpc::ServerUnaryReactor* RayHandlers::CompareAccuracy(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+                                                       grpc::ByteBuffer* response) {
+  auto call = std::make_shared<UnaryCall>(calls_, response);
+  if (!UnaryCall::Admit(call)) return call.get();
+  backend_.tracer->Enqueue([backend = backend_, call, bytes = *request] {
+    const absl::Status status = CatchExceptions([&] { return AnswerComparison(backend, call, bytes); });
+    if (!status.ok()) call->Reply(status, {});
+  });
+  return call.get();
 }
 
 }  // namespace deltaray

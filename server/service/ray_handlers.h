@@ -10,8 +10,9 @@
 namespace deltaray {
 
 // Thread-safe.
-class RayHandlers final : public v1::RayService::WithRawCallbackMethod_CastRays<
-                              v1::RayService::WithRawCallbackMethod_StreamRays<v1::RayService::Service>> {
+class RayHandlers final
+    : public v1::RayService::WithRawCallbackMethod_CastRays<v1::RayService::WithRawCallbackMethod_StreamRays<
+          v1::RayService::WithRawCallbackMethod_CompareAccuracy<v1::RayService::Service>>> {
  public:
   // `calls` outlives the handlers.
   RayHandlers(Calls* calls, const RayBackend& backend) : calls_(calls), backend_(backend) {}
@@ -20,6 +21,8 @@ class RayHandlers final : public v1::RayService::WithRawCallbackMethod_CastRays<
                                      grpc::ByteBuffer* response) override;
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamRays(
       grpc::CallbackServerContext* context) override;
+  grpc::ServerUnaryReactor* CompareAccuracy(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                            grpc::ByteBuffer* response) override;
 
  private:
   Calls* const calls_;

@@ -154,6 +154,10 @@ absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CastRaysRequest* reques
   return Parse(std::move(bytes), /*rays_alone=*/false, request, rays);
 }
 
+absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CompareAccuracyRequest* request, RayBatchBytes* rays) {
+  return Parse(std::move(bytes), /*rays_alone=*/false, request, rays);
+}
+
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::StreamRaysRequest* request, RayBatchBytes* rays) {
   // Fields of a oneof take each other's place: what the last one is, protobuf tells.
   return Parse(std::move(bytes), /*rays_alone=*/true, request, rays);

@@ -26,6 +26,7 @@ struct RayBatchBytes {
 // Parses `bytes`. The rays, of which there are most bytes by far, go to `rays` and not to request->rays(), of which
 // only whether it is set tells something. INVALID_ARGUMENT, as ParseMessage says, where `bytes` are no such message.
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CastRaysRequest* request, RayBatchBytes* rays);
+absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CompareAccuracyRequest* request, RayBatchBytes* rays);
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::StreamRaysRequest* request, RayBatchBytes* rays);
 
 // The arrays of `batch`, copied.

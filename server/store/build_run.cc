@@ -113,8 +113,8 @@ BuildReport BuildRun::Report() const {
 
   MutexLock lock(mutex_);
   // A lazy build has ended long before all of its δ-leaves are built.
-  const bool ready =
-      config_.lazy ? ended_ && report.progress.delta_leaves_built == report.progress.delta_leaves : tree && tree->final;
+  const bool ready = report.progress.lazy ? ended_ && report.progress.delta_leaves_built == report.progress.delta_leaves
+                                          : tree && tree->final;
   if (!status_.ok()) {
     report.state = MeshState::kFailed;
   } else if (!tree) {

@@ -18,7 +18,7 @@ constexpr absl::string_view kConfigKind = "deltaray build config ";
 constexpr absl::string_view kNameKind = "deltaray name ";
 constexpr absl::string_view kVersion = "1";
 
-constexpr absl::string_view kPresets[] = {"fast", "balanced", "best"};
+constexpr absl::string_view kPresets[] = {"fast", "balanced", "best", "auto"};
 constexpr absl::string_view kBuilders[] = {"hybrid", "kd_tree", "bvh", "sbvh", "tang2015"};
 
 class RecordWriter {

@@ -24,7 +24,7 @@ int main(int argc, char** argv) {
   CLI::App* const build = app.add_subcommand("build", "Time, size and SAH cost of all builders, beside Embree's.");
   build->add_option("--scenes", build_options.scenes, "Names of scenes");
   build->add_option("--engines", build_options.engines, "hybrid, kd_tree, bvh, sbvh, tang2015, embree");
-  build->add_option("--presets", build_options.presets, "fast, balanced, best");
+  build->add_option("--presets", build_options.presets, "fast, balanced, best, auto");
   build->add_option("--threads", build_options.threads, "Threads to build with")->check(CLI::Range(1, 1024));
   build->add_option("--rounds", build_options.rounds, "Builds to take the median of")->check(CLI::Range(1, 1000));
   build->add_option("--csv", build_options.csv, "File to write; - is standard output");
@@ -55,7 +55,7 @@ int main(int argc, char** argv) {
   kernel->add_option("--rays", kernel_options.rays, "camera, bounce, chords, shadow");
   kernel->add_option("--levels", kernel_options.levels, "fast, watertight, exact");
   kernel->add_option("--threads", kernel_options.threads, "Threads to trace with")->check(CLI::Range(1, 1024));
-  kernel->add_option("--preset", kernel_options.preset, "Of our tree: fast, balanced, best");
+  kernel->add_option("--preset", kernel_options.preset, "Of our tree: fast, balanced, best, auto");
   kernel->add_option("--simd", kernel_options.simd, "best, sse4, avx2, avx512; Embree gets the same");
   kernel->add_option("--size", kernel_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
   kernel->add_option("--chunk", kernel_options.chunk, "Rays to give a kernel at once")->check(CLI::Range(1, 1 << 20));
@@ -93,7 +93,7 @@ int main(int argc, char** argv) {
   scale->add_option("--triangles", scale_options.triangles, "Sizes")->check(CLI::Range(2, 100'000'000));
   scale->add_option("--rays", scale_options.rays, "camera, bounce, chords, shadow");
   scale->add_option("--levels", scale_options.levels, "fast, watertight, exact");
-  scale->add_option("--preset", scale_options.preset, "Of our tree: fast, balanced, best");
+  scale->add_option("--preset", scale_options.preset, "Of our tree: fast, balanced, best, auto");
   scale->add_option("--threads", scale_options.threads, "Threads to build with; 0: all cores");
   scale->add_option("--size", scale_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
   scale->add_option("--build-rounds", scale_options.build_rounds, "Builds to take the median of")

@@ -25,8 +25,8 @@ constexpr std::array<std::pair<std::string_view, Builder>, 5> kEngines = {{{"hyb
                                                                            {"tang2015", Builder::kTang2015}}};
 constexpr std::array<std::pair<std::string_view, AccuracyLevel>, 3> kLevels = {
     {{"fast", AccuracyLevel::kFast}, {"watertight", AccuracyLevel::kWatertight}, {"exact", AccuracyLevel::kExact}}};
-constexpr std::array<std::pair<std::string_view, Preset>, 3> kPresets = {
-    {{"fast", Preset::kFast}, {"balanced", Preset::kBalanced}, {"best", Preset::kBest}}};
+constexpr std::array<std::pair<std::string_view, Preset>, 4> kPresets = {
+    {{"fast", Preset::kFast}, {"balanced", Preset::kBalanced}, {"best", Preset::kBest}, {"auto", Preset::kAuto}}};
 
 template <typename T, size_t N>
 std::string_view NameOf(const std::array<std::pair<std::string_view, T>, N>& names, T value) {

@@ -106,7 +106,7 @@ TEST_P(BuildSceneTest, EveryBuilderAnswersLikeBruteForce) {
 }
 
 TEST_P(BuildSceneTest, EveryDeltaAndPresetAnswersLikeBruteForce) {
-  for (const Preset preset : {Preset::kFast, Preset::kBest}) {
+  for (const Preset preset : {Preset::kFast, Preset::kBest, Preset::kAuto}) {
     EXPECT_TRUE(Answers(*BuildNow(mesh_, MakeConfig(Builder::kHybrid, preset)), rays_) == expected_);
   }
   for (const uint32_t delta : {1, 8, 32, 256}) {

@@ -21,7 +21,7 @@ std::string MessageAfter(const std::function<void(Config&)>& change) {
 TEST(ConfigTest, EveryPresetOfEveryBuilderIsValid) {
   for (const Builder builder :
        {Builder::kHybrid, Builder::kKdTree, Builder::kBvh, Builder::kSbvh, Builder::kTang2015}) {
-    for (const Preset preset : {Preset::kFast, Preset::kBalanced, Preset::kBest}) {
+    for (const Preset preset : {Preset::kFast, Preset::kBalanced, Preset::kBest, Preset::kAuto}) {
       const Config config = MakeConfig(builder, preset);
       EXPECT_TRUE(Validate(config).ok()) << Validate(config);
       EXPECT_EQ(config.builder, builder);
@@ -33,6 +33,15 @@ TEST(ConfigTest, EveryPresetOfEveryBuilderIsValid) {
 TEST(ConfigTest, TheBvhNeverSplitsInSpace) {
   EXPECT_EQ(MakeConfig(Builder::kBvh, Preset::kBest).spatial_split_gate, 1);
   EXPECT_EQ(MakeConfig(Builder::kBvh, Preset::kBest).duplication_budget, 0);
+}
+
+TEST(ConfigTest, OnlyTheAutoHybridLeavesDeltaToTheMesh) {
+  EXPECT_EQ(MakeConfig(Builder::kHybrid, Preset::kAuto).delta, kDeltaByMesh);
+  EXPECT_EQ(MessageAfter([](Config& c) {
+              c = MakeConfig(Builder::kTang2015, Preset::kAuto);
+              c.delta = kDeltaByMesh;
+            }),
+            "delta is 0; it must be 1 to 4096");
 }
 
 TEST(ConfigTest, ErrorsNameFieldValueAndRange) {

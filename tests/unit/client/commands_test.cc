@@ -211,6 +211,7 @@ TEST_F(CommandsTest, StatsInEveryFormat) {
   EXPECT_THAT(text, HasSubstr("rays after      0.125 s, first answered after -\n"));
   EXPECT_THAT(text, HasSubstr("top    0.250 s  0.000 s\n"));
   EXPECT_THAT(text, HasSubstr("2-3     4,321\n"));
+  EXPECT_THAT(text, HasSubstr("chosen          eager: why not\n"));
   EXPECT_EQ(session_.Run({"stats", "cube", "--format", "json"}), 0);
   EXPECT_THAT(session_.TakeOutput(), HasSubstr("\"sah_cost\":12.5"));
   EXPECT_EQ(session_.Run({"stats", "cube", "--format", "csv"}), 0);

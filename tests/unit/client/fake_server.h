@@ -195,6 +195,7 @@ class FakeMeshService : public v1::MeshService::Service {
     phase.set_wall_seconds(0.25);
     stats.add_delta_leaf_size_histogram(3);
     stats.add_delta_leaf_size_histogram(4321);
+    stats.add_choices("eager: why not");
     return grpc::Status::OK;
   }
 };
@@ -206,6 +207,42 @@ class FakeRayService : public v1::RayService::Service {
   v1::StreamStart last_start;
   std::vector<size_t> last_batch_bytes;
   std::string last_excluded;
+  v1::CompareAccuracyRequest last_comparison;
+
+  grpc::Status CastRays(grpc::ServerContext*, const v1::CastRaysRequest* request,
+                        v1::CastRaysResponse* response) override {
+    const std::lock_guard lock(mutex);
+    last_start.set_mesh(request->mesh());
+    *last_start.mutable_query() = request->query();
+    Answer(request->rays(), response->mutable_hits());
+    return grpc::Status::OK;
+  }
+
+  // Made up: FAST takes 100 ns and is wrong 3 times, WATERTIGHT 150 ns and once, EXACT 180 ns.
+  grpc::Status CompareAccuracy(grpc::ServerContext*, const v1::CompareAccuracyRequest* request,
+                               v1::CompareAccuracyResponse* response) override {
+    const std::lock_guard lock(mutex);
+    last_comparison = *request;
+    last_start.clear_query();
+    *last_start.mutable_query() = request->query();
+    response->set_mesh_id(request->mesh());
+    response->set_ray_count(request->rays().rays().size() / RayBytes());
+    response->set_hit_count(response->ray_count() / 2);
+    response->set_node_bytes(3 << 20);
+    for (const auto level : {v1::ACCURACY_LEVEL_FAST, v1::ACCURACY_LEVEL_WATERTIGHT, v1::ACCURACY_LEVEL_EXACT}) {
+      v1::AccuracyMeasurement* measurement = response->add_levels();
+      measurement->set_accuracy(level);
+      measurement->set_answered_accuracy(level);
+    }
+    response->mutable_levels(0)->set_nanoseconds_per_ray(100);
+    response->mutable_levels(0)->set_false_misses(2);
+    response->mutable_levels(0)->set_false_hits(1);
+    response->mutable_levels(0)->set_t_error_ulp_max(12345);
+    response->mutable_levels(1)->set_nanoseconds_per_ray(150);
+    response->mutable_levels(1)->set_wrong_primitives(1);
+    response->mutable_levels(2)->set_nanoseconds_per_ray(180);
+    return grpc::Status::OK;
+  }
 
   grpc::Status StreamRays(grpc::ServerContext* context,
                           grpc::ServerReaderWriter<v1::StreamRaysResponse, v1::StreamRaysRequest>* stream) override {

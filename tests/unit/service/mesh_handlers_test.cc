@@ -136,6 +136,10 @@ TEST_F(MeshHandlersTest, RefusesBadHeadersByField) {
   header.mutable_build_options()->set_delta(5000);
   ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.delta");
   header = {};
+  header.mutable_build_options()->set_preset(v1::BUILD_PRESET_AUTO);
+  header.mutable_build_options()->set_delta(0);
+  ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.delta is 0; it must be 1 to 4096");
+  header = {};
   header.mutable_build_options()->set_alpha(std::nan(""));
   ExpectRefused(header, StatusCode::INVALID_ARGUMENT, "header.build_options.alpha");
   header = {};
@@ -250,7 +254,7 @@ TEST_F(MeshHandlersTest, MalformedUnaryRequestsAreInvalid) {
   Start();
   for (const char* method :
        {"MeshService/GetMesh", "MeshService/ListMeshes", "MeshService/NameMesh", "MeshService/DeleteMesh",
-        "MeshService/RebuildMesh", "MeshService/GetBuildStats", "RayService/CastRays"}) {
+        "MeshService/RebuildMesh", "MeshService/GetBuildStats", "RayService/CastRays", "RayService/CompareAccuracy"}) {
     grpc::ByteBuffer response;
     const grpc::Status status = CallRaw(absl::StrCat("/deltaray.v1.", method), "\xff\xff\xff", &response);
     EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
@@ -421,6 +425,27 @@ TEST_F(MeshHandlersTest, WatchesABuildToItsEndAndTellsItsStatistics) {
   EXPECT_GE(response.stats().references(), 400u);
   EXPECT_GT(response.stats().nodes(), 0u);
   EXPECT_GT(response.stats().mesh_bytes(), 0u);
+}
+
+TEST_F(MeshHandlersTest, TellsWhatAutoChose) {
+  Start();
+  v1::UploadHeader header;
+  header.mutable_build_options()->set_preset(v1::BUILD_PRESET_AUTO);
+  v1::UploadMeshResponse uploaded;
+  ASSERT_TRUE(Upload(SquaresObj(100), header, &uploaded).ok());
+  EXPECT_EQ(uploaded.mesh().build_options().preset(), v1::BUILD_PRESET_AUTO);
+  EXPECT_FALSE(uploaded.mesh().build_options().has_delta());
+  std::vector<v1::WatchBuildResponse> reports;
+  ASSERT_TRUE(WatchAll(uploaded.mesh().id(), &reports).ok());
+
+  grpc::ClientContext context;
+  v1::GetBuildStatsRequest request;
+  request.set_mesh(uploaded.mesh().id());
+  v1::GetBuildStatsResponse response;
+  ASSERT_TRUE(meshes_->GetBuildStats(&context, request, &response).ok());
+  EXPECT_EQ(response.stats().options().preset(), v1::BUILD_PRESET_AUTO);
+  EXPECT_EQ(response.stats().options().delta(), 32u);
+  EXPECT_EQ(response.stats().choices_size(), 3);
 }
 
 TEST_F(MeshHandlersTest, RebuildsWithOtherOptions) {

@@ -50,6 +50,11 @@ TEST(RecordFileTest, AConfigComesBackToTheBit) {
   Config lazy;
   lazy.lazy = true;
   EXPECT_TRUE(DecodeConfig(EncodeConfig(lazy))->lazy);
+
+  const absl::StatusOr<Config> by_mesh = DecodeConfig(EncodeConfig(MakeConfig(Builder::kHybrid, Preset::kAuto)));
+  ASSERT_TRUE(by_mesh.ok()) << by_mesh.status();
+  EXPECT_EQ(by_mesh->preset, Preset::kAuto);
+  EXPECT_EQ(by_mesh->delta, kDeltaByMesh);
 }
 
 TEST(RecordFileTest, ANameComesBack) {

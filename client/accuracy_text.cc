@@ -1,0 +1,77 @@
+#include "client/accuracy_text.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/enum_names.h"
+#include "client/message_text.h"
+#include "client/text_table.h"
+
+namespace deltaray {
+
+double WrongPerMillion(const v1::AccuracyMeasurement& level, uint64_t rays) {
+  const uint64_t wrong = level.false_misses() + level.false_hits() + level.wrong_primitives();
+  return 1e6 * static_cast<double>(wrong) / static_cast<double>(rays);
+}
+
+const v1::AccuracyMeasurement* CheapestLevel(const v1::CompareAccuracyResponse& comparison,
+                                             double max_wrong_per_million) {
+  const v1::AccuracyMeasurement* cheapest = nullptr;
+  for (const v1::AccuracyMeasurement& level : comparison.levels()) {
+    if (WrongPerMillion(level, comparison.ray_count()) > max_wrong_per_million) continue;
+    if (cheapest == nullptr || level.nanoseconds_per_ray() < cheapest->nanoseconds_per_ray()) cheapest = &level;
+  }
+  return cheapest;
+}
+
+std::string CheapestLevelText(const v1::CompareAccuracyResponse& comparison, double max_wrong_per_million) {
+  const v1::AccuracyMeasurement* const level = CheapestLevel(comparison, max_wrong_per_million);
+  return absl::StrCat("cheapest level with at most ", max_wrong_per_million,
+                      " wrong answers per million: ", level == nullptr ? "none" : EnumName(level->accuracy()));
+}
+
+std::vector<std::vector<std::string>> AccuracyRows(const v1::CompareAccuracyResponse& comparison) {
+  std::vector<std::vector<std::string>> rows = {{"level", "ns a ray", "Mrays/s", "wrong per million", "false misses",
+                                                 "false hits", "wrong primitives", "t error 99.9 %", "t error max",
+                                                 "u, v error max"}};
+  for (const v1::AccuracyMeasurement& level : comparison.levels()) {
+    std::string name = EnumName(level.accuracy());
+    if (level.answered_accuracy() != level.accuracy()) {
+      absl::StrAppend(&name, " (as ", EnumName(level.answered_accuracy()), ")");
+    }
+    rows.push_back({name, absl::StrFormat("%.1f", level.nanoseconds_per_ray()),
+                    absl::StrFormat("%.2f", 1e3 / level.nanoseconds_per_ray()),
+                    absl::StrFormat("%.6g", WrongPerMillion(level, comparison.ray_count())),
+                    GroupDigits(level.false_misses()), GroupDigits(level.false_hits()),
+                    GroupDigits(level.wrong_primitives()), absl::StrCat(GroupDigits(level.t_error_ulp_p999()), " ulp"),
+                    absl::StrCat(GroupDigits(level.t_error_ulp_max()), " ulp"),
+                    absl::StrFormat("%.2g", level.uv_error_max())});
+  }
+  return rows;
+}
+
+std::string MemoryText(const v1::CompareAccuracyResponse& comparison) {
+  return absl::StrCat("nodes ", BytesText(comparison.node_bytes()), ", references ",
+                      BytesText(comparison.reference_bytes()), ", mesh ", BytesText(comparison.mesh_bytes()));
+}
+
+std::string AccuracyText(const v1::CompareAccuracyResponse& comparison) {
+  TextTable facts({Align::kLeft, Align::kLeft});
+  facts.Add({"mesh", comparison.mesh_id()});
+  facts.Add({"rays", absl::StrCat(GroupDigits(comparison.ray_count()), ", of which ",
+                                  GroupDigits(comparison.hit_count()), " hit")});
+  facts.Add({"memory", MemoryText(comparison)});
+  TextTable levels({Align::kLeft, Align::kRight, Align::kRight, Align::kRight, Align::kRight, Align::kRight,
+                    Align::kRight, Align::kRight, Align::kRight, Align::kRight});
+  for (std::vector<std::string>& row : AccuracyRows(comparison)) levels.Add(std::move(row));
+  return absl::StrCat(facts.Render(), "\n", levels.Render());
+}
+
+std::string AccuracyCsv(const v1::CompareAccuracyResponse& comparison) {
+  std::string csv = CsvHeader(v1::AccuracyMeasurement());
+  for (const v1::AccuracyMeasurement& level : comparison.levels()) csv += CsvRow(level);
+  return csv;
+}
+
+}  // namespace deltaray

@@ -1,0 +1,164 @@
+// The command `chart`, against the fake server, and the parts that only it has.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "client/accuracy_chart.h"
+#include "client/accuracy_text.h"
+#include "tests/unit/client/fake_server.h"
+#include "tests/unit/client/test_session.h"
+
+namespace deltaray {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+class ChartTest : public ::testing::Test {
+ protected:
+  ChartTest() : session_(server_.address()) {
+    session_.SetInput("v");
+    EXPECT_EQ(session_.Run({"upload", "-", "--name", "plane"}), 0);
+    session_.TakeOutput();
+    session_.TakeMessages();
+  }
+
+  const v1::CompareAccuracyRequest& request() const { return server_.ray_service.last_comparison; }
+
+  // The rays that were sent, six numbers each.
+  std::vector<std::array<double, 6>> Rays() const {
+    std::vector<std::array<double, 6>> rays(request().rays().rays().size() / sizeof(std::array<double, 6>));
+    std::memcpy(rays.data(), request().rays().rays().data(), request().rays().rays().size());
+    return rays;
+  }
+
+  FakeServer server_;
+  TestSession session_;
+  const TemporaryFile svg_{""};
+};
+
+TEST_F(ChartTest, WritesPictureTableAndChoice) {
+  const TemporaryFile csv("");
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", csv.path(), "--count", "1000", "--rounds", "3",
+                          "--cull", "back"}),
+            0);
+  EXPECT_THAT(svg_.Read(), StartsWith("<svg xmlns=\"http://www.w3.org/2000/svg\""));
+  EXPECT_THAT(svg_.Read(), HasSubstr("Speed against accuracy: plane, 1,000 bounce rays<"));
+  EXPECT_THAT(svg_.Read(), HasSubstr(">fast: 100.0 ns<"));
+  EXPECT_THAT(svg_.Read(), HasSubstr(">12,345 ulp<"));
+  const std::string text = session_.TakeOutput();
+  EXPECT_THAT(text, HasSubstr("memory  nodes 3.0 MiB, references 0 B, mesh 0 B\n"));
+  EXPECT_THAT(text, HasSubstr("\nfast           100.0    10.00               3000             2           1"));
+  EXPECT_THAT(text, HasSubstr("cheapest level with at most 0 wrong answers per million: exact\n"));
+  EXPECT_THAT(csv.Read(), StartsWith("accuracy,answered_accuracy,false_misses,false_hits,wrong_primitives,"));
+  EXPECT_THAT(csv.Read(), HasSubstr("\nfast,fast,2,1,0,12345,0,0,100\n"));
+  // By id, not by name.
+  EXPECT_THAT(request().mesh(), StartsWith("aaaa"));
+  EXPECT_EQ(request().rounds(), 3u);
+  EXPECT_EQ(request().query().culling(), v1::CULLING_BACK);
+  EXPECT_EQ(request().query().layout(), v1::RAY_LAYOUT_FLOAT64X6);
+}
+
+TEST_F(ChartTest, ChoosesTheCheapestLevelThatIsGoodEnough) {
+  const auto choice = [this](const std::string& most) {
+    EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "1000", "--max-wrong-per-million", most,
+                            "--format", "json"}),
+              0);
+    EXPECT_THAT(session_.TakeOutput(), HasSubstr("\"ray_count\":\"1000\""));
+    return session_.TakeMessages();
+  };
+  EXPECT_THAT(choice("999"), HasSubstr("per million: exact\n"));
+  EXPECT_THAT(choice("1000"), HasSubstr("per million: watertight\n"));
+  EXPECT_THAT(choice("3000"), HasSubstr("per million: fast\n"));
+}
+
+TEST_F(ChartTest, SendsTheRaysOfAFile) {
+  session_.SetInput("1,2,3,0,0,-1\n4,5,6,0,0,1\n");
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-", "--kind", "any", "--format", "csv"}), 0);
+  EXPECT_EQ(Rays(), (std::vector<std::array<double, 6>>{{1, 2, 3, 0, 0, -1}, {4, 5, 6, 0, 0, 1}}));
+  EXPECT_EQ(request().query().kind(), v1::QUERY_KIND_ANY_HIT);
+  EXPECT_THAT(session_.TakeOutput(), StartsWith("accuracy,"));
+}
+
+TEST_F(ChartTest, BouncesStartOnTheMeshAndLeaveIt) {
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "500", "--seed", "9"}), 0);
+  const auto rays = Rays();
+  ASSERT_EQ(rays.size(), 500u);
+  for (const auto& ray : rays) {
+    EXPECT_NEAR(ray[2], 0, 1e-5);
+    EXPECT_GE(ray[5], 0);
+  }
+  std::string excluded;
+  for (int i = 0; i < 500; ++i) excluded.append("\7\0\0\0", 4);
+  EXPECT_EQ(request().rays().excluded_primitive_ids(), excluded);
+  // The same seed, the same rays; another, others.
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "500", "--seed", "9"}), 0);
+  EXPECT_EQ(Rays(), rays);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "500", "--seed", "8"}), 0);
+  EXPECT_NE(Rays(), rays);
+}
+
+TEST_F(ChartTest, ShadowsEndAtOneLight) {
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "50", "--generate", "shadow"}), 0);
+  const auto rays = Rays();
+  ASSERT_EQ(rays.size(), 50u);
+  EXPECT_EQ(request().query().t_max(), 1);
+  for (const auto& ray : rays) {
+    for (int axis = 0; axis < 3; ++axis) {
+      EXPECT_NEAR(ray[axis] + ray[axis + 3], rays[0][axis] + rays[0][axis + 3], 1e-9);
+    }
+  }
+}
+
+TEST_F(ChartTest, ChordsCrossTheSphereAboutTheMesh) {
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "50", "--generate", "chords"}), 0);
+  const auto rays = Rays();
+  ASSERT_EQ(rays.size(), 50u);
+  for (const auto& ray : rays) {
+    EXPECT_NEAR(std::hypot(ray[0], ray[1], ray[2]), std::sqrt(2), 1e-9);
+    EXPECT_NEAR(std::hypot(ray[0] + ray[3], ray[1] + ray[4], ray[2] + ray[5]), std::sqrt(2), 1e-9);
+  }
+}
+
+TEST_F(ChartTest, CameraRaysHaveOneOrigin) {
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "7", "--generate", "camera"}), 0);
+  const auto rays = Rays();
+  ASSERT_EQ(rays.size(), 7u);
+  EXPECT_EQ(rays[0][0], rays[6][0]);
+  EXPECT_EQ(request().rays().excluded_primitive_ids(), "");
+}
+
+TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
+  EXPECT_EQ(session_.Run({"chart", "plane"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-", "--generate", "camera"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--generate", "sun"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "0"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--kind", "all"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rounds", "33"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--max-wrong-per-million", "-1"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "missing", "-o", svg_.path()}), 69);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/no/such/folder/x.svg"}), 1);
+  session_.SetInput("");
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-"}), 1);
+  EXPECT_EQ(svg_.Read(), "");
+}
+
+TEST(AccuracyChartTest, TakesAnyTitleAndLevelsThatAreNeverWrong) {
+  v1::CompareAccuracyResponse comparison;
+  comparison.set_ray_count(10);
+  comparison.add_levels()->set_nanoseconds_per_ray(0.5);
+  const std::string svg = AccuracyChartSvg("<&\"\033>", "end", comparison);
+  EXPECT_THAT(svg, HasSubstr(">&lt;&amp;&quot;?&gt;<"));
+  EXPECT_THAT(svg, Not(HasSubstr("\"nan")));
+  EXPECT_THAT(svg, Not(HasSubstr("\"inf")));
+}
+
+}  // namespace
+}  // namespace deltaray
