@@ -192,7 +192,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, DigestsTest, testing::ValuesIn(kRows),
 TEST_P(DigestsTest, AreThoseOfEveryBuilderAndPreset) {
   for (const Builder builder :
        {Builder::kHybrid, Builder::kKdTree, Builder::kBvh, Builder::kSbvh, Builder::kTang2015}) {
-    for (const Preset preset : {Preset::kFast, Preset::kBalanced, Preset::kBest}) {
+    for (const Preset preset : {Preset::kFast, Preset::kBalanced, Preset::kBest, Preset::kAuto}) {
       BuildAndCheck(MakeConfig(builder, preset));
     }
   }
