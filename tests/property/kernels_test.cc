@@ -24,7 +24,7 @@ constexpr Traversal kTraversals[] = {Traversal::kAuto, Traversal::kSingle, Trave
 
 // Rays of each test: of the environment's DELTARAY_RAYS, else few enough for every day.
 size_t RayCount() {
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
   return 1000;
 #endif
   const char* const given = std::getenv("DELTARAY_RAYS");

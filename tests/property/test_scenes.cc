@@ -17,7 +17,7 @@
 namespace deltaray {
 namespace {
 
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
 constexpr size_t kRays = 256, kTieRays = 64, kFewRays = 32;
 #else
 constexpr size_t kRays = 5376, kTieRays = 1024, kFewRays = 512;

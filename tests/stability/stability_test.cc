@@ -28,7 +28,7 @@ namespace {
 
 // Rays of a family: of the environment's DELTARAY_RAYS, else few enough for every day.
 uint32_t RayCount() {
-#ifdef DELTARAY_FEW_RAYS
+#ifdef DELTARAY_SANITIZED
   return 100;
 #endif
   const char* const given = std::getenv("DELTARAY_RAYS");
