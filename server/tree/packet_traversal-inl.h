@@ -100,11 +100,13 @@ class PacketTraversal {
     if (!(main_least >= Setup::kLeastDirection && main_greatest < Setup::kGreatestDirection)) return false;
     exponent_ = Setup::ExponentOf(main_least);
     const float direction_scale = Setup::DirectionScale(exponent_);
-    const auto scale = static_cast<float>(setup_.scale());
+    // In double: the scale of a mesh of subnormal coordinates is beyond float.
+    const double scale = setup_.scale();
 
     float widest = 0, apart = 0, reach = 0;
     for (int axis = 0; axis < 3; ++axis) {
-      origin_low[axis] *= scale, origin_high[axis] *= scale;
+      origin_low[axis] = static_cast<float>(origin_low[axis] * scale);
+      origin_high[axis] = static_cast<float>(origin_high[axis] * scale);
       direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
       // Components that count as 0 count as upward too.
       if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;

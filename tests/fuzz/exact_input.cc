@@ -46,7 +46,7 @@ constexpr float kCoordinates[] = {0,
                                   -0x1p-149f,
                                   1e30f,
                                   0x1.fffffep127f};
-constexpr float kSpeeds[] = {1, 1, 1, 1, 0.5f, 3, 0x1p-20f, 0x1p20f, 0x1p-80f, 0x1p-126f, 0x1p100f, -1};
+constexpr float kSpeeds[] = {1, 1, 1, 1, 0.5f, 0.3f, 0x1p-20f, 0x1p20f, 0x1p-80f, 0x1p-126f, 0x1p100f, -1};
 // Rays are aimed so that t = 1 at the target.
 constexpr float kEnds[] = {0, -0.0f, 1, 1 - 0x1p-24f, 1 + 0x1p-23f, 0.5f, 2, -1, kInfinity, -kInfinity, 0x1p-149f};
 
@@ -108,11 +108,13 @@ class InputReader {
     input_.options.max_hits_per_ray = bytes_.OneOf(kCaps);
   }
 
-  // One of the table, scaled; or any bits.
+  // One of the table, or one of about the same size with which arithmetic rounds, both scaled; or any bits.
   float Coordinate() {
     const uint8_t choice = bytes_.Byte();
     if (choice >= 224) return Finite(bytes_.Float());
-    return Finite(kCoordinates[choice % std::size(kCoordinates)] * scale_);
+    if (choice < 140) return Finite(kCoordinates[choice % std::size(kCoordinates)] * scale_);
+    const float magnitude = std::ldexp(1 + static_cast<float>(bytes_.Word() >> 9) * 0x1p-23f, choice / 2 % 4 - 2);
+    return Finite((choice % 2 == 0 ? magnitude : -magnitude) * scale_);
   }
   Vec3f Coordinates() {
     const float x = Coordinate(), y = Coordinate(), z = Coordinate();

@@ -107,6 +107,27 @@ TEST_P(WideTreeTest, OrdinaryRaysAreAnsweredAlikeAtEveryLevel) {
   }
 }
 
+// The power of two that scales such a mesh to its frame is beyond float, and a packet's bounds were 0 times infinity.
+TEST_P(WideTreeTest, PacketsMeetSubnormalMeshes) {
+  for (const float size : {0x1p-126f, 0x1p-130f, 0x1p-146f}) {
+    TriangleMesh mesh;
+    mesh.positions = {{-size, -size, size}, {size, -size, size}, {0, size, size}};
+    mesh.indices = {{0, 1, 2}};
+    const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
+    const std::vector<Ray> rays(64, {.direction = {0, 0, 1}});
+    std::vector<Hit> hits(rays.size()), expected(rays.size());
+    BruteForce(mesh.triangles()).ClosestHits(rays, {}, expected);
+    EXPECT_EQ(expected[0].t, size);
+    for (const AccuracyLevel level : kLevels) {
+      for (const Traversal traversal : kTraversals) {
+        tree.ClosestHits(rays, {.accuracy = level, .traversal = traversal}, hits);
+        EXPECT_EQ(hits, expected) << size << ", level " << static_cast<int>(level) << ", traversal "
+                                  << static_cast<int>(traversal);
+      }
+    }
+  }
+}
+
 // Nearly in the plane of a triangle, whose determinant is so small that its inverse is infinite; t = T/det is 0 times
 // that.
 TEST_P(WideTreeTest, FastHitsAreNumbers) {
