@@ -114,7 +114,7 @@ TEST_P(WideTreeTest, PacketsMeetSubnormalMeshes) {
     mesh.positions = {{-size, -size, size}, {size, -size, size}, {0, size, size}};
     mesh.indices = {{0, 1, 2}};
     const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
-    const std::vector<Ray> rays(64, {.direction = {0, 0, 1}});
+    const std::vector<Ray> rays(64, {.origin = {0, 0, 0}, .direction = {0, 0, 1}});
     std::vector<Hit> hits(rays.size()), expected(rays.size());
     BruteForce(mesh.triangles()).ClosestHits(rays, {}, expected);
     EXPECT_EQ(expected[0].t, size);
