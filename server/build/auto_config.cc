@@ -42,8 +42,7 @@ double BoxesALineMeets(std::span<const Reference> references, BuildContext& cont
   return sum / whole;
 }
 
-ChosenConfig ChooseConfig(const Config& wanted, std::span<const Reference> references, bool wide,
-                          BuildContext& context) {
+ChosenConfig ChooseConfig(const Config& wanted, std::span<const Reference> references, BuildContext& context) {
   ChosenConfig chosen{wanted, {}};
   if (wanted.preset != Preset::kAuto || wanted.builder != Builder::kHybrid) return chosen;
   Config& config = chosen.config;
@@ -63,14 +62,9 @@ ChosenConfig ChooseConfig(const Config& wanted, std::span<const Reference> refer
                         boxes, kBoxesWorthCutting));
   }
 
-  if (wanted.lazy) {
-    chosen.reasons.push_back("lazy: asked for");
-  } else if (wide) {
-    chosen.reasons.push_back("eager: the final tree has wide nodes, which a lazy one would not");
-  } else {
-    config.lazy = true;
-    chosen.reasons.push_back("lazy: there can be no wide nodes, without which an eager build gives no faster tree");
-  }
+  chosen.reasons.push_back(wanted.lazy ? "lazy: asked for"
+                                       : "eager: the mesh does not tell how much of it rays will reach, and until "
+                                         "they have, a lazy tree is the slower one");
 
   const bool clustered = references.size() <= kClusteredTriangles;
   config.preset = clustered ? Preset::kBalanced : Preset::kFast;

@@ -26,12 +26,10 @@ double BoxesALineMeets(std::span<const Reference> references, BuildContext& cont
 // Chooses what `wanted` leaves open, which is something only for the hybrid with Preset::kAuto; `wanted` itself else,
 // without reasons.
 //  - Spatial splits, where a line meets so many boxes that there must be much overlap to cut away.
-//  - Lazy, where `wide` is false: the tree will have no wide nodes, since processor or mesh rule them out, and an eager
-//    build would give no faster one.
+//  - Eager, unless lazy is asked for.
 //  - δ where it is kDeltaByMesh, and whether to cluster, by the number of triangles.
 // `references`: of all triangles, none split yet.
-ChosenConfig ChooseConfig(const Config& wanted, std::span<const Reference> references, bool wide,
-                          BuildContext& context);
+ChosenConfig ChooseConfig(const Config& wanted, std::span<const Reference> references, BuildContext& context);
 
 }  // namespace deltaray
 

@@ -96,8 +96,7 @@ class Run {
  private:
   // Settles what the config that was asked for leaves open.
   void Choose(ReferenceArray& references) {
-    const bool wide = !SupportedSimdTargets().empty() && mesh_->indices.size() <= kMaxWidePrimitives;
-    ChosenConfig chosen = ChooseConfig(config_, references.span(), wide, *context_);
+    ChosenConfig chosen = ChooseConfig(config_, references.span(), *context_);
     if (chosen.reasons.empty()) return;
     config_ = chosen.config;
     if (config_.duplication_budget == 0) references.ShrinkToFit();

@@ -16,11 +16,11 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-ChosenConfig ChooseFor(const TriangleMesh& mesh, const Config& wanted, bool wide = true) {
+ChosenConfig ChooseFor(const TriangleMesh& mesh, const Config& wanted) {
   BuildContext context;
   const auto references = MakeReferences(mesh.triangles(), wanted.duplication_budget, context);
   EXPECT_TRUE(references.ok());
-  return ChooseConfig(wanted, references->span(), wide, context);
+  return ChooseConfig(wanted, references->span(), context);
 }
 
 Config Auto() { return MakeConfig(Builder::kHybrid, Preset::kAuto); }
@@ -58,12 +58,6 @@ TEST(AutoConfigTest, CityAndSoupNeedSpatialSplits) {
   }
 }
 
-TEST(AutoConfigTest, IsLazyWhereThereAreNoWideNodes) {
-  const ChosenConfig chosen = ChooseFor(Terrain(10, 10), Auto(), /*wide=*/false);
-  EXPECT_TRUE(chosen.config.lazy);
-  EXPECT_EQ(chosen.reasons[1].find("lazy: "), 0u);
-}
-
 TEST(AutoConfigTest, KeepsWhatWasAskedFor) {
   Config wanted = Auto();
   wanted.delta = 7;
@@ -71,6 +65,7 @@ TEST(AutoConfigTest, KeepsWhatWasAskedFor) {
   const ChosenConfig chosen = ChooseFor(Terrain(10, 10), wanted);
   EXPECT_EQ(chosen.config.delta, 7u);
   EXPECT_TRUE(chosen.config.lazy);
+  EXPECT_EQ(chosen.reasons[1], "lazy: asked for");
   EXPECT_THAT(chosen.reasons[2], HasSubstr("delta 7 (asked for)"));
 }
 
