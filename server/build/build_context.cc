@@ -2,19 +2,14 @@
 
 #include <algorithm>
 #include <bit>
-#include <ctime>
 #include <utility>
+
+#include "server/build/thread_cpu.h"
 
 namespace deltaray {
 namespace {
 
 thread_local bool thread_time_is_counted = false;
-
-int64_t ThreadNanoseconds() {
-  timespec time;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
-}
 
 double Seconds(std::chrono::steady_clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -89,12 +84,12 @@ BuildContext::CpuTime::CpuTime(BuildContext& context, BuildPhase phase) {
   if (thread_time_is_counted) return;
   thread_time_is_counted = true;
   nanoseconds_ = &context.cpu_nanoseconds_[static_cast<size_t>(phase)];
-  start_ = ThreadNanoseconds();
+  start_ = ThreadCpuNanoseconds();
 }
 
 BuildContext::CpuTime::~CpuTime() {
   if (nanoseconds_ == nullptr) return;
-  nanoseconds_->fetch_add(ThreadNanoseconds() - start_, std::memory_order_relaxed);
+  nanoseconds_->fetch_add(ThreadCpuNanoseconds() - start_, std::memory_order_relaxed);
   thread_time_is_counted = false;
 }
 

@@ -1,7 +1,5 @@
 #include "server/service/accuracy_comparison.h"
 
-#include <time.h>
-
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -14,6 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/build/mutex.h"
+#include "server/build/thread_cpu.h"
 #include "server/service/ray_batch.h"
 #include "server/service/ray_pieces.h"
 
@@ -22,12 +21,6 @@ namespace {
 
 constexpr uint32_t kMaxRounds = 32;
 constexpr std::array kLevels = {AccuracyLevel::kFast, AccuracyLevel::kWatertight, AccuracyLevel::kExact};
-
-int64_t ThreadCpuNanoseconds() {
-  timespec time;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-}
 
 // The number of a float among all floats in ascending order; both zeros have one.
 int64_t Rank(float value) {

@@ -1,18 +1,12 @@
 #include "server/store/build_run.h"
 
-#include <time.h>
-
 #include <new>
 #include <utility>
 
+#include "server/build/thread_cpu.h"
+
 namespace deltaray {
 namespace {
-
-double ThreadCpuSeconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 double SecondsSince(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -39,7 +33,7 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
 absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options,
                                     const std::function<void()>& on_provisional) {
   const auto begin = std::chrono::steady_clock::now();
-  const double cpu_begin = ThreadCpuSeconds();
+  const int64_t cpu_begin = ThreadCpuNanoseconds();
   {
     MutexLock lock(mutex_);
     begun_ = true;
@@ -52,7 +46,7 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options
   if (!mesh.ok()) return mesh.status();
 
   options.config = config_;
-  const double load_cpu = ThreadCpuSeconds() - cpu_begin;
+  const double load_cpu = 1e-9 * static_cast<double>(ThreadCpuNanoseconds() - cpu_begin);
   const std::shared_ptr<Build> build = Build::Start(*std::move(mesh), std::move(options));
   {
     MutexLock lock(mutex_);
