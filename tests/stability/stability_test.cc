@@ -29,7 +29,7 @@ namespace {
 // Rays of a family: of the environment's DELTARAY_RAYS, else few enough for every day.
 uint32_t RayCount() {
 #ifdef DELTARAY_SANITIZED
-  return 100;
+  return 40;
 #endif
   const char* const given = std::getenv("DELTARAY_RAYS");
   return given != nullptr ? static_cast<uint32_t>(std::strtoul(given, nullptr, 10)) : 600;
