@@ -29,12 +29,13 @@ class CallReactor : public Reactor, public Call {
   bool cancelled() const { return cancelled_.load(std::memory_order_relaxed); }
 
  protected:
-  // Hands `call` over to gRPC. False: the server drains, and the call was finished.
-  static bool Admit(const std::shared_ptr<CallReactor>& call) {
+  // Hands `call` over to gRPC. False: it is refused, and was finished.
+  static bool Admit(const std::shared_ptr<CallReactor>& call, const RpcInfo& rpc) {
     call->self_ = call;
-    if (call->calls_->Add(call)) return true;
+    const absl::Status status = call->calls_->Add(call, rpc);
+    if (status.ok()) return true;
     MutexLock lock(call->mutex_);
-    call->FinishOnce(DrainingError());
+    call->FinishOnce(status);
     return false;
   }
 
@@ -42,6 +43,7 @@ class CallReactor : public Reactor, public Call {
   void FinishOnce(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (finished_) return;
     finished_ = true;
+    status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
     this->Finish(ToRpcStatus(status));
@@ -58,7 +60,12 @@ class CallReactor : public Reactor, public Call {
 
   void OnDone() override {
     SetCancelled();
-    calls_->Remove(this);
+    absl::Status status;
+    {
+      MutexLock lock(mutex_);
+      status = status_;
+    }
+    calls_->Remove(this, status);
     const std::shared_ptr<CallReactor> self = std::move(self_);
   }
 
@@ -67,6 +74,7 @@ class CallReactor : public Reactor, public Call {
 
   Mutex mutex_;
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status status_ ABSL_GUARDED_BY(mutex_);  // once finished_
 
  private:
   Calls* const calls_;

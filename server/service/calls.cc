@@ -1,19 +1,30 @@
 #include "server/service/calls.h"
 
+#include <utility>
 #include <vector>
 
 namespace deltaray {
 
 absl::Status DrainingError() { return absl::UnavailableError("the server is draining"); }
 
-bool Calls::Add(const std::shared_ptr<Call>& call) {
+absl::Status Calls::Add(const std::shared_ptr<Call>& call, RpcInfo rpc) {
+  absl::Status status;
+  size_t watched = 0;
+  while (status.ok() && watched < watchers_.size()) status = watchers_[watched++]->OnBegin(rpc);
   MutexLock lock(mutex_);
-  if (draining_) return false;
-  calls_.emplace(call.get(), call);
-  return true;
+  // Noted even where it is refused: it is under way until gRPC is done with it.
+  calls_.emplace(call.get(), UnderWay{call, rpc, watched});
+  return status.ok() && draining_ ? DrainingError() : status;
 }
 
-void Calls::Remove(const Call* call) {
+void Calls::Remove(const Call* call, const absl::Status& status) {
+  UnderWay ended;
+  {
+    MutexLock lock(mutex_);
+    const auto it = calls_.find(call);
+    ended = std::move(it->second);
+  }
+  while (ended.watched > 0) watchers_[--ended.watched]->OnEnd(ended.rpc, status);
   {
     MutexLock lock(mutex_);
     calls_.erase(call);
@@ -26,8 +37,8 @@ void Calls::Drain() {
   {
     MutexLock lock(mutex_);
     draining_ = true;
-    for (const auto& [key, call] : calls_) {
-      if (auto alive = call.lock()) calls.push_back(std::move(alive));
+    for (const auto& [key, under_way] : calls_) {
+      if (auto alive = under_way.call.lock()) calls.push_back(std::move(alive));
     }
   }
   for (const auto& call : calls) call->OnDrain();

@@ -6,9 +6,12 @@
 #include <chrono>
 #include <memory>
 #include <unordered_map>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "server/build/mutex.h"
+#include "server/service/call_watcher.h"
 
 namespace deltaray {
 
@@ -28,10 +31,13 @@ absl::Status DrainingError();
 // All calls under way. Thread-safe.
 class Calls {
  public:
-  // Notes a call. False where the server drains already: the call must then end with DrainingError().
-  bool Add(const std::shared_ptr<Call>& call);
-  // Forgets a call that has ended; nothing happens where it is not known.
-  void Remove(const Call* call);
+  // `watchers` are asked in this order, and outlive the calls.
+  explicit Calls(std::vector<CallWatcher*> watchers = {}) : watchers_(std::move(watchers)) {}
+
+  // Notes a call. Where not OK, because a watcher refuses it or the server drains, the call must end with this status.
+  absl::Status Add(const std::shared_ptr<Call>& call, RpcInfo rpc);
+  // Forgets a call that has ended, with `status`.
+  void Remove(const Call* call, const absl::Status& status);
 
   // Lets no call in any more, and tells those under way.
   void Drain();
@@ -39,9 +45,16 @@ class Calls {
   bool WaitUntilNone(std::chrono::steady_clock::time_point deadline);
 
  private:
+  struct UnderWay {
+    std::weak_ptr<Call> call;
+    RpcInfo rpc;
+    size_t watched = 0;  // by so many of the watchers
+  };
+
+  const std::vector<CallWatcher*> watchers_;
   Mutex mutex_;
   Condition changed_;
-  std::unordered_map<const Call*, std::weak_ptr<Call>> calls_ ABSL_GUARDED_BY(mutex_);
+  std::unordered_map<const Call*, UnderWay> calls_ ABSL_GUARDED_BY(mutex_);
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

@@ -28,15 +28,15 @@ bool IsPageToken(const std::string& token) {
 
 }  // namespace
 
-grpc::ServerReadReactor<grpc::ByteBuffer>* MeshHandlers::UploadMesh(grpc::CallbackServerContext*,
+grpc::ServerReadReactor<grpc::ByteBuffer>* MeshHandlers::UploadMesh(grpc::CallbackServerContext* context,
                                                                     grpc::ByteBuffer* response) {
-  return UploadCall::Start(calls_, backend_, response);
+  return UploadCall::Start(calls_, {"MeshService/UploadMesh", context}, backend_, response);
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetMeshRequest, v1::GetMeshResponse>(
-      calls_, nullptr, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/GetMesh", context}, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::GetMeshRequest& get) -> absl::StatusOr<v1::GetMeshResponse> {
         absl::StatusOr<MeshInfo> info = store->Get(get.mesh());
         if (!info.ok()) return info.status();
@@ -46,10 +46,10 @@ grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext*, co
       });
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
-                                                   grpc::ByteBuffer* response) {
+grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext* context,
+                                                   const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::ListMeshesRequest, v1::ListMeshesResponse>(
-      calls_, nullptr, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/ListMeshes", context}, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store, max_bytes = backend_.max_message_bytes](
           const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
         if (!list.page_token().empty() && !IsPageToken(list.page_token())) {
@@ -74,10 +74,10 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext*,
       });
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) {
   return AnswerUnary<v1::NameMeshRequest, v1::NameMeshResponse>(
-      calls_, backend_.disk, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/NameMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::NameMeshRequest& name) -> absl::StatusOr<v1::NameMeshResponse> {
         if (absl::Status status = ValidateMeshName(name.name()); !status.ok()) {
           return absl::Status(status.code(), absl::StrCat("name: ", status.message()));
@@ -90,10 +90,10 @@ grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext*, c
       });
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
-                                                   grpc::ByteBuffer* response) {
+grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* context,
+                                                   const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
-      calls_, backend_.disk, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/DeleteMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
         absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
         if (!id.ok()) return id.status();
@@ -104,10 +104,10 @@ grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext*,
       });
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
-                                                    grpc::ByteBuffer* response) {
+grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext* context,
+                                                    const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
-      calls_, backend_.disk, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/RebuildMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
         absl::StatusOr<Config> config = ReadBuildOptions(rebuild.build_options());
         if (!config.ok()) return config.status();
@@ -119,15 +119,15 @@ grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*
       });
 }
 
-grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::CallbackServerContext*,
+grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::CallbackServerContext* context,
                                                                      const grpc::ByteBuffer* request) {
-  return WatchCall::Start(calls_, backend_.store, request);
+  return WatchCall::Start(calls_, {"MeshService/WatchBuild", context}, backend_.store, request);
 }
 
-grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
-                                                      grpc::ByteBuffer* response) {
+grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext* context,
+                                                      const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetBuildStatsRequest, v1::GetBuildStatsResponse>(
-      calls_, nullptr, backend_.max_message_bytes, request, response,
+      calls_, {"MeshService/GetBuildStats", context}, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::GetBuildStatsRequest& stats) -> absl::StatusOr<v1::GetBuildStatsResponse> {
         absl::StatusOr<MeshInfo> info = store->Get(stats.mesh());
         if (!info.ok()) return info.status();

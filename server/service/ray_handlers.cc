@@ -83,10 +83,10 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<U
 
 }  // namespace
 
-grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
+grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   auto call = std::make_shared<UnaryCall>(calls_, response);
-  if (!UnaryCall::Admit(call)) return call.get();
+  if (!UnaryCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
   auto answer = [backend = backend_, call, bytes = *request, on_tracer] {
     const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, on_tracer); });
@@ -102,13 +102,13 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext*, co
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* RayHandlers::StreamRays(
     grpc::CallbackServerContext* context) {
-  return StreamCall::Start(calls_, backend_, context);
+  return StreamCall::Start(calls_, {"RayService/StreamRays", context}, backend_);
 }
 
-grpc::ServerUnaryReactor* RayHandlers::CompareAccuracy(grpc::CallbackServerContext*, const grpc::ByteBuffer* request,
-                                                       grpc::ByteBuffer* response) {
+grpc::ServerUnaryReactor* RayHandlers::CompareAccuracy(grpc::CallbackServerContext* context,
+                                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   auto call = std::make_shared<UnaryCall>(calls_, response);
-  if (!UnaryCall::Admit(call)) return call.get();
+  if (!UnaryCall::Admit(call, {"RayService/CompareAccuracy", context})) return call.get();
   backend_.tracer->Enqueue([backend = backend_, call, bytes = *request] {
     const absl::Status status = CatchExceptions([&] { return AnswerComparison(backend, call, bytes); });
     if (!status.ok()) call->Reply(status, {});

@@ -16,11 +16,11 @@ absl::Status Prefix(const absl::Status& status, const std::string& prefix) {
 
 }  // namespace
 
-grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RayBackend& backend,
-                                                                               grpc::CallbackServerContext* context) {
-  auto call = std::make_shared<StreamCall>(calls, backend, context);
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RpcInfo& rpc,
+                                                                               const RayBackend& backend) {
+  auto call = std::make_shared<StreamCall>(calls, backend, rpc.context);
   call->weak_self_ = call;
-  if (Admit(call)) {
+  if (Admit(call, rpc)) {
     MutexLock lock(call->mutex_);
     call->Advance();
   }

@@ -30,9 +30,9 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   static constexpr size_t kReadAhead = 4;
   static constexpr size_t kInHand = 2;
 
-  // Takes over a call: the reactor to give to gRPC. `context` belongs to gRPC.
-  static grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Start(Calls* calls, const RayBackend& backend,
-                                                                            grpc::CallbackServerContext* context);
+  // Takes over a call: the reactor to give to gRPC.
+  static grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Start(Calls* calls, const RpcInfo& rpc,
+                                                                            const RayBackend& backend);
 
   StreamCall(Calls* calls, const RayBackend& backend, grpc::CallbackServerContext* context)
       : CallReactor(calls), backend_(backend), context_(context) {}

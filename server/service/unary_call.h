@@ -40,11 +40,11 @@ class UnaryCall : public CallReactor<grpc::ServerUnaryReactor> {
 // Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block.
 // A reply of more than max_reply_bytes becomes RESOURCE_EXHAUSTED.
 template <typename Request, typename Response>
-grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, WorkerPool* pool, uint64_t max_reply_bytes,
+grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, const RpcInfo& rpc, WorkerPool* pool, uint64_t max_reply_bytes,
                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
                                       std::function<absl::StatusOr<Response>(const Request&)> handler) {
   auto call = std::make_shared<UnaryCall>(calls, response);
-  if (!UnaryCall::Admit(call)) return call.get();
+  if (!UnaryCall::Admit(call, rpc)) return call.get();
   auto answer = [call, max_reply_bytes, bytes = *request, handler = std::move(handler)] {
     grpc::ByteBuffer reply;
     const absl::Status status = CatchExceptions([&]() -> absl::Status {

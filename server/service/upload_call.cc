@@ -11,11 +11,11 @@
 
 namespace deltaray {
 
-grpc::ServerReadReactor<grpc::ByteBuffer>* UploadCall::Start(Calls* calls, const UploadBackend& backend,
-                                                             grpc::ByteBuffer* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* UploadCall::Start(Calls* calls, const RpcInfo& rpc,
+                                                             const UploadBackend& backend, grpc::ByteBuffer* response) {
   auto call = std::make_shared<UploadCall>(calls, backend, response);
   call->weak_self_ = call;
-  if (Admit(call)) call->StartRead(&call->incoming_);
+  if (Admit(call, rpc)) call->StartRead(&call->incoming_);
   return call.get();
 }
 

@@ -28,8 +28,8 @@ struct UploadBackend {
 class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBuffer>> {
  public:
   // Takes over a call: the reactor to give to gRPC. `response` belongs to gRPC.
-  static grpc::ServerReadReactor<grpc::ByteBuffer>* Start(Calls* calls, const UploadBackend& backend,
-                                                          grpc::ByteBuffer* response);
+  static grpc::ServerReadReactor<grpc::ByteBuffer>* Start(Calls* calls, const RpcInfo& rpc,
+                                                          const UploadBackend& backend, grpc::ByteBuffer* response);
 
   UploadCall(Calls* calls, const UploadBackend& backend, grpc::ByteBuffer* response)
       : CallReactor(calls), backend_(backend), response_(response) {}

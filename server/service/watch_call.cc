@@ -12,11 +12,11 @@ namespace {
 constexpr std::chrono::milliseconds kInterval{100};
 }  // namespace
 
-grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, MeshStore* store,
+grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, const RpcInfo& rpc, MeshStore* store,
                                                              const grpc::ByteBuffer* request) {
   auto call = std::make_shared<WatchCall>(calls, store);
   call->weak_self_ = call;
-  if (Admit(call)) {
+  if (Admit(call, rpc)) {
     MutexLock lock(call->mutex_);
     const absl::Status status =
         CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return call->Resolve(*request); });

@@ -20,7 +20,7 @@ namespace deltaray {
 class WatchCall final : public CallReactor<grpc::ServerWriteReactor<grpc::ByteBuffer>> {
  public:
   // Takes over a call: the reactor to give to gRPC.
-  static grpc::ServerWriteReactor<grpc::ByteBuffer>* Start(Calls* calls, MeshStore* store,
+  static grpc::ServerWriteReactor<grpc::ByteBuffer>* Start(Calls* calls, const RpcInfo& rpc, MeshStore* store,
                                                            const grpc::ByteBuffer* request);
 
   WatchCall(Calls* calls, MeshStore* store) : CallReactor(calls), store_(store) {}
