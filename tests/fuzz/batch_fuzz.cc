@@ -13,6 +13,7 @@
 #include "server/tree/brute_force.h"
 #include "tests/fuzz/byte_reader.h"
 #include "tests/fuzz/check.h"
+#include "tests/unit/service/sliced_message.h"
 
 namespace deltaray {
 namespace {
@@ -47,18 +48,6 @@ class Scene {
   TriangleMesh mesh_;
   std::unique_ptr<BruteForce> tree_;
 };
-
-// `bytes` in slices of `size` bytes.
-grpc::ByteBuffer InSlices(const std::string& bytes, size_t size) {
-  std::vector<grpc::Slice> slices;
-  for (size_t i = 0; i < bytes.size(); i += size) slices.emplace_back(bytes.substr(i, size));
-  return {slices.data(), slices.size()};
-}
-
-std::string Read(const MessageSlices& message, RayBatchBytes::Range range) {
-  std::string scratch(range.size, '\0');
-  return {message.Read(range.offset, range.size, scratch.data()), range.size};
-}
 
 // A number as rays have them, or any bits.
 double Number(ByteReader& reader) {
