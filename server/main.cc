@@ -41,6 +41,7 @@ struct Flags {
   std::string port_file;
   std::string log_level = "info";
   bool insecure_listen = false;
+  bool insecure_metrics_listen = false;
   double drain_seconds = 10;
 };
 
@@ -67,6 +68,14 @@ void AddFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Network", "drain-timeout", flags.drain_seconds,
           "Seconds that calls under way get to finish after SIGTERM")
       ->check(CLI::Range(0.0, 86400.0));
+
+  AddFlag(app, "Metrics", "metrics-listen", server.metrics_listen,
+          "Address at which Prometheus fetches /metrics: host:port. Empty: nowhere")
+      ->check([](const std::string& address) { return std::string(ValidateMetricsAddress(address).message()); });
+  app.add_flag("--insecure-metrics-listen", flags.insecure_metrics_listen,
+               "Show metrics at an address that other machines can reach, to whoever asks")
+      ->envname("DELTARAY_INSECURE_METRICS_LISTEN")
+      ->group("Metrics");
 
   AddFlag(app, "Storage", "data-dir", server.store.data_directory,
           "Directory that meshes are kept in; made if missing");
@@ -144,6 +153,8 @@ int Run(const Flags& flags) {
       options.store.concurrent_builds, options.batch.max_rays, options.batch.max_message_bytes,
       options.store.max_upload_bytes, options.store.mesh_limits.max_triangles);
 
+  if ((*server)->metrics_port() != 0) spdlog::info("metrics at port {}", (*server)->metrics_port());
+
   int received = 0;
   sigwait(&signals, &received);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
@@ -171,6 +182,14 @@ int Main(int argc, char** argv) {
                  "--listen: other machines can reach %s, and the connection is not encrypted; "
                  "say --insecure-listen if that is meant\n",
                  flags.server.listen.c_str());
+    return kUsage;
+  }
+  const std::string& metrics_listen = flags.server.metrics_listen;
+  if (!flags.insecure_metrics_listen && !metrics_listen.empty() && !IsLoopback(metrics_listen)) {
+    std::fprintf(stderr,
+                 "--metrics-listen: other machines can reach %s, and metrics are shown to whoever asks; "
+                 "say --insecure-metrics-listen if that is meant\n",
+                 metrics_listen.c_str());
     return kUsage;
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));

@@ -11,6 +11,8 @@
 #include "grpcpp/server_builder.h"
 #include "server/service/calls.h"
 #include "server/service/mesh_handlers.h"
+#include "server/service/metrics.h"
+#include "server/service/metrics_page.h"
 #include "server/service/ray_handlers.h"
 #include "server/service/tracer.h"
 #include "server/service/worker_pool.h"
@@ -31,15 +33,17 @@ constexpr std::chrono::milliseconds kLastCalls{200};
 
 class GrpcServer final : public Server {
  public:
-  GrpcServer(const ServerOptions& options, std::unique_ptr<MeshStore> store)
+  GrpcServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics, std::unique_ptr<MeshStore> store)
       : options_(options),
+        metrics_(std::move(metrics)),
+        calls_({metrics_.get()}),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
-                                 options.batch.max_message_bytes}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch}) {}
+                                 options.batch.max_message_bytes, metrics_.get()}),
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, metrics_.get()}) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
@@ -48,6 +52,11 @@ class GrpcServer final : public Server {
   }
 
   absl::Status Listen() {
+    if (!options_.metrics_listen.empty()) {
+      auto page = MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get());
+      if (!page.ok()) return page.status();
+      metrics_page_ = *std::move(page);
+    }
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     grpc::ServerBuilder builder;
@@ -81,6 +90,7 @@ class GrpcServer final : public Server {
   }
 
   int port() const override { return std::max(port_, 0); }
+  int metrics_port() const override { return metrics_page_ == nullptr ? 0 : metrics_page_->port(); }
   uint32_t threads() const override { return tracer_.threads(); }
   bool Drain() override { return Shutdown(options_.drain_timeout); }
 
@@ -102,11 +112,13 @@ class GrpcServer final : public Server {
   }
 
   const ServerOptions options_;
+  const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
   // whose builds hand answers to the tracer.
   Tracer tracer_;
   const std::unique_ptr<MeshStore> store_;
+  std::unique_ptr<MetricsPage> metrics_page_;
   WorkerPool disk_;
   WorkerPool commits_;
   MeshHandlers mesh_handlers_;
@@ -117,22 +129,29 @@ class GrpcServer final : public Server {
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
 };
 
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics,
+                                                    std::unique_ptr<MeshStore> store) {
+  auto server = std::make_unique<GrpcServer>(options, std::move(metrics), std::move(store));
+  if (absl::Status status = server->Listen(); !status.ok()) return status;
+  return server;
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  const auto metrics = std::make_shared<Metrics>();
   MeshStore::Options store_options = options.store;
   // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
   store_options.mesh_limits.max_group_bytes =
       std::min(store_options.mesh_limits.max_group_bytes, options.batch.max_message_bytes / 4);
+  store_options.on_build_end = [metrics](const EndedBuild& build) { metrics->CountBuild(build); };
   absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(store_options);
   if (!store.ok()) return store.status();
-  return Start(options, *std::move(store));
+  return StartServer(options, metrics, *std::move(store));
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, std::unique_ptr<MeshStore> store) {
-  auto server = std::make_unique<GrpcServer>(options, std::move(store));
-  if (absl::Status status = server->Listen(); !status.ok()) return status;
-  return server;
+  return StartServer(options, std::make_shared<Metrics>(), std::move(store));
 }
 
 }  // namespace deltaray

@@ -17,6 +17,8 @@ namespace deltaray {
 struct ServerOptions {
   // Where to listen, as gRPC writes it: host:port or unix:path. Port 0 picks a free one.
   std::string listen = "127.0.0.1:7878";
+  // Where Prometheus fetches metrics: host:port. Empty: nowhere.
+  std::string metrics_listen;
   MeshStore::Options store;
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;
@@ -42,6 +44,8 @@ class Server {
 
   // The port that it listens at; 0 for unix:path.
   virtual int port() const = 0;
+  // The port of the metrics; 0 where there is none.
+  virtual int metrics_port() const = 0;
   // Threads that trace.
   virtual uint32_t threads() const = 0;
 

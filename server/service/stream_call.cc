@@ -59,6 +59,7 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   auto batch = std::make_shared<Batch>();
   batch->number = batches_read_++;
   batch->request = std::move(message);
+  batch->meter = std::make_shared<BatchMeter>(backend_.metrics);
   batch->done = !status.ok();
   batch->status = std::move(status);
   line_.push_back(std::move(batch));
@@ -180,6 +181,7 @@ void StreamCall::Answer(const BatchPointer& batch) {
       job->query = target_->query;
     }
     const auto self = weak_self_.lock();
+    job->meter = std::move(batch->meter);
     job->cancelled = [self] { return self->cancelled(); };
     job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {
       grpc::ByteBuffer reply;

@@ -42,6 +42,7 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   struct Batch {
     uint64_t number = 0;
     grpc::ByteBuffer request;
+    std::shared_ptr<BatchMeter> meter;  // until its job has it
     bool in_hand = false;
     // Once done:
     bool done = false;

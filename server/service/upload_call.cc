@@ -77,6 +77,7 @@ absl::Status UploadCall::TakeMessage() {
       return absl::InvalidArgumentError(
           absl::StrCat(where, "all messages of an upload but the first one must hold chunk"));
     }
+    backend_.metrics->CountUploadBytes(request.chunk().size());
     if (absl::Status status = upload_->Append(request.chunk()); !status.ok()) return status;
   }
   MutexLock lock(mutex_);
