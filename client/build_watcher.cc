@@ -29,7 +29,7 @@ absl::Status WatchBuild(Connection& connection, const Session& session, const st
   if (!report_status.ok()) context.TryCancel();
   const grpc::Status rpc_status = reader->Finish();
   if (!report_status.ok()) return report_status;
-  if (!rpc_status.ok()) return connection.Result(rpc_status);
+  if (!rpc_status.ok()) return connection.Result(rpc_status, context);
   if (response.progress().state() == v1::MESH_STATE_FAILED) {
     return LocalError(absl::StrCat("the build failed: ", response.progress().failure()));
   }

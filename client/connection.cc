@@ -67,14 +67,14 @@ absl::Status Connection::Call(absl::FunctionRef<grpc::Status(grpc::ClientContext
   context.set_deadline(After(session_->timeout_seconds));
   const StopSignal::Scope scope(session_->stop, context);
   const grpc::Status status = call(&context);
-  if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) return Result(status);
+  if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) return Result(status, context);
   return FromRpc(grpc::Status(status.error_code(),
                               absl::StrCat("no answer within ", session_->timeout_seconds, " s; see --timeout")));
 }
 
-absl::Status Connection::Result(const grpc::Status& status) {
+absl::Status Connection::Result(const grpc::Status& status, const grpc::ClientContext& context) {
   if (status.error_code() == grpc::StatusCode::CANCELLED && stop().fired()) return Interrupted();
-  return FromRpc(status);
+  return FromRpc(status, context);
 }
 
 }  // namespace deltaray

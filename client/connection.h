@@ -29,7 +29,7 @@ class Connection {
   absl::Status Call(absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call);
 
   // What an RPC of this connection ended with; Interrupted() where it was our own stop that cancelled it.
-  absl::Status Result(const grpc::Status& status);
+  absl::Status Result(const grpc::Status& status, const grpc::ClientContext& context);
 
  private:
   Connection(const Session& session, std::shared_ptr<grpc::Channel> channel);

@@ -142,7 +142,7 @@ absl::Status StreamBatches(Connection& connection, const v1::StreamStart& start,
   if (!receive_status.ok()) return receive_status;
   if (interrupted) return Interrupted();
   if (input_ended_first && !send_status.ok()) return send_status;
-  if (!rpc_status.ok()) return FromRpc(rpc_status);
+  if (!rpc_status.ok()) return FromRpc(rpc_status, context);
   return CheckCounts(context, window.entered(), answered);
 }
 

@@ -10,10 +10,12 @@
 #include <fstream>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "CLI/CLI.hpp"
-#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "server/service/listen_address.h"
+#include "server/service/log.h"
 #include "server/service/server.h"
 #include "spdlog/sinks/stdout_color_sinks.h"
 #include "spdlog/spdlog.h"
@@ -40,6 +42,7 @@ struct Flags {
   ServerOptions server;
   std::string port_file;
   std::string log_level = "info";
+  std::string log_format = "text";
   bool insecure_listen = false;
   bool insecure_metrics_listen = false;
   double drain_seconds = 10;
@@ -102,6 +105,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
 
   AddFlag(app, "Log", "log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
+  AddFlag(app, "Log", "log-format", flags.log_format, "Lines for people, or an object of JSON a line")
+      ->check(CLI::IsMember({"text", "json"}));
 }
 
 // One file descriptor a connection: take as many as the system lets us.
@@ -121,6 +126,20 @@ bool WritePortFile(const std::string& path, int port) {
   std::error_code error;
   if (file) std::filesystem::rename(temporary, path, error);
   return file && !error;
+}
+
+// Tells the version and every flag, given or not. None of them is a secret: those name files.
+void LogConfiguration(const CLI::App& app) {
+  std::vector<std::pair<std::string, std::string>> values{{"version", DELTARAY_VERSION}};
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_envname().empty()) continue;  // --help, --version
+    const std::string given = absl::StrJoin(option->results(), ",");
+    const std::string unset = option->get_items_expected_max() == 0 ? "false" : option->get_default_str();
+    values.emplace_back(option->get_lnames().at(0), option->count() == 0 ? unset : given);
+  }
+  LogFields fields;
+  for (const auto& [name, value] : values) fields.emplace_back(name, value);
+  LogEvent(spdlog::level::info, "deltarayd starts", fields);
 }
 
 int Run(const Flags& flags) {
@@ -145,15 +164,11 @@ int Run(const Flags& flags) {
     spdlog::critical("can not write the port to {}", flags.port_file);
     return kFailure;
   }
-  spdlog::info(
-      "deltarayd {} listens at {}, port {}: data directory {}, {} tracing threads, {} threads a build, {} builds at "
-      "once, at most {} rays a batch, {} bytes a message, {} bytes an upload, {} triangles a mesh",
-      DELTARAY_VERSION, options.listen, (*server)->port(), options.store.data_directory, (*server)->threads(),
-      options.store.build_threads == 0 ? std::string("all") : absl::StrCat(options.store.build_threads),
-      options.store.concurrent_builds, options.batch.max_rays, options.batch.max_message_bytes,
-      options.store.max_upload_bytes, options.store.mesh_limits.max_triangles);
-
-  if ((*server)->metrics_port() != 0) spdlog::info("metrics at port {}", (*server)->metrics_port());
+  LogEvent(spdlog::level::info, "listens",
+           {{"address", options.listen},
+            {"port", int64_t{(*server)->port()}},
+            {"metrics_port", int64_t{(*server)->metrics_port()}},
+            {"tracing_threads", int64_t{(*server)->threads()}}});
 
   int received = 0;
   sigwait(&signals, &received);
@@ -194,7 +209,10 @@ int Main(int argc, char** argv) {
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));
   spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
+  spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
+  TakeGrpcLog();
+  LogConfiguration(app);
   return Run(flags);
 }
 

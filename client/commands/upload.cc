@@ -67,7 +67,7 @@ absl::Status SendFile(Connection& connection, const Session& session, InputFile&
   // Without the cancellation the server would take the half that it got for the whole.
   if (!sent.ok()) context.TryCancel();
   const grpc::Status rpc_status = writer->Finish();
-  return sent.ok() ? connection.Result(rpc_status) : sent;
+  return sent.ok() ? connection.Result(rpc_status, context) : sent;
 }
 
 // For people: what was stored, and what was noticed in the file.

@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "server/build/mutex.h"
 #include "server/service/calls.h"
+#include "server/service/log.h"
 #include "server/service/rpc_status.h"
 
 namespace deltaray {
@@ -46,6 +47,7 @@ class CallReactor : public Reactor, public Call {
     status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
+    const LogScope scope(record().request_id);
     this->Finish(ToRpcStatus(status));
   }
 

@@ -23,6 +23,11 @@ class Call {
   // The server drains. A call that has work of a client in hand finishes it; one that waits for its client, or would
   // take long, ends now with DrainingError(). Called at most once, on the thread that drains.
   virtual void OnDrain() {}
+
+  CallRecord& record() { return record_; }
+
+ private:
+  CallRecord record_;
 };
 
 // What a call that the drain ends or refuses is told.

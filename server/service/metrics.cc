@@ -174,6 +174,8 @@ void BatchMeter::BeginTracing() {
 void BatchMeter::CountAnswer(AnsweredBatch batch) {
   batch.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
   metrics_->CountBatch(batch);
+  call_->batches.fetch_add(1, std::memory_order_relaxed);
+  call_->rays.fetch_add(batch.rays, std::memory_order_relaxed);
 }
 
 }  // namespace deltaray

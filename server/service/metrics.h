@@ -96,7 +96,10 @@ class Metrics final : public CallWatcher {
 // A batch from its arrival on: waits, is traced, is answered or not. Used by one thread at a time.
 class BatchMeter {
  public:
-  explicit BatchMeter(Metrics* metrics) : metrics_(metrics) { metrics_->batches_waiting().Increment(); }
+  // `call`, of the batch, outlives this.
+  BatchMeter(Metrics* metrics, CallRecord* call) : metrics_(metrics), call_(call) {
+    metrics_->batches_waiting().Increment();
+  }
   ~BatchMeter() { gauge().Decrement(); }
   BatchMeter(const BatchMeter&) = delete;
   BatchMeter& operator=(const BatchMeter&) = delete;
@@ -109,6 +112,7 @@ class BatchMeter {
   prometheus::Gauge& gauge() { return tracing_ ? metrics_->batches_tracing() : metrics_->batches_waiting(); }
 
   Metrics* const metrics_;
+  CallRecord* const call_;
   const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
   bool tracing_ = false;
 };

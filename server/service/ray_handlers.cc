@@ -89,8 +89,8 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* con
   auto call = std::make_shared<UnaryCall>(calls_, response);
   if (!UnaryCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
-  auto answer = [backend = backend_, call, bytes = *request, meter = std::make_shared<BatchMeter>(backend_.metrics),
-                 on_tracer] {
+  auto answer = [backend = backend_, call, bytes = *request,
+                 meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record()), on_tracer] {
     const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, meter, on_tracer); });
     if (!status.ok()) call->Reply(status, {});
   };

@@ -9,6 +9,7 @@
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
+#include "server/service/call_log.h"
 #include "server/service/calls.h"
 #include "server/service/mesh_handlers.h"
 #include "server/service/metrics.h"
@@ -36,7 +37,7 @@ class GrpcServer final : public Server {
   GrpcServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics, std::unique_ptr<MeshStore> store)
       : options_(options),
         metrics_(std::move(metrics)),
-        calls_({metrics_.get()}),
+        calls_({metrics_.get(), &call_log_}),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
@@ -113,6 +114,7 @@ class GrpcServer final : public Server {
 
   const ServerOptions options_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
+  CallLog call_log_;
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
   // whose builds hand answers to the tracer.

@@ -59,7 +59,7 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   auto batch = std::make_shared<Batch>();
   batch->number = batches_read_++;
   batch->request = std::move(message);
-  batch->meter = std::make_shared<BatchMeter>(backend_.metrics);
+  batch->meter = std::make_shared<BatchMeter>(backend_.metrics, &record());
   batch->done = !status.ok();
   batch->status = std::move(status);
   line_.push_back(std::move(batch));

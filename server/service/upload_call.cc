@@ -51,6 +51,7 @@ void UploadCall::RunStep(WorkerPool* pool, Step step) {
       MutexLock lock(self->mutex_);
       if (self->finished_) return;
     }
+    const LogScope scope(self->record().request_id);
     const absl::Status status = CatchExceptions(step);
     if (status.ok()) return;
     MutexLock lock(self->mutex_);

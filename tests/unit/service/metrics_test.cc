@@ -174,11 +174,12 @@ TEST(MeshMetricsTest, MeshesBeyondTheCapShareOneSeries) {
 
 TEST(MetricsCostTest, ABatchCostsAFractionOfAMicrosecond) {
   Metrics metrics;
+  CallRecord call;
   const std::string id(64, 'a');
   constexpr int kBatches = 100'000;
   const auto begin = std::chrono::steady_clock::now();
   for (int i = 0; i < kBatches; ++i) {
-    BatchMeter meter(&metrics);
+    BatchMeter meter(&metrics, &call);
     meter.BeginTracing();
     meter.CountAnswer({id, v1::QUERY_KIND_CLOSEST_HIT, AccuracyLevel::kExact, 64, 32});
   }
