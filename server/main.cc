@@ -80,6 +80,11 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->envname("DELTARAY_INSECURE_METRICS_LISTEN")
       ->group("Metrics");
 
+  app.add_flag("--channelz", server.channelz,
+               "Tell of connections and calls by gRPC's channelz, to whoever asks, without a token")
+      ->envname("DELTARAY_CHANNELZ")
+      ->group("Metrics");
+
   AddFlag(app, "Storage", "data-dir", server.store.data_directory,
           "Directory that meshes are kept in; made if missing");
 

@@ -4,13 +4,14 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "grpcpp/ext/channelz_service_plugin.h"
 #include "grpcpp/ext/proto_server_reflection_plugin.h"
-#include "grpcpp/health_check_service_interface.h"
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
 #include "server/service/call_log.h"
 #include "server/service/calls.h"
+#include "server/service/health.h"
 #include "server/service/mesh_handlers.h"
 #include "server/service/metrics.h"
 #include "server/service/metrics_page.h"
@@ -44,7 +45,8 @@ class GrpcServer final : public Server {
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
                                  options.batch.max_message_bytes, metrics_.get()}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, metrics_.get()}) {}
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, metrics_.get()}),
+        health_handlers_(&calls_, store_.get()) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
@@ -58,12 +60,13 @@ class GrpcServer final : public Server {
       if (!page.ok()) return page.status();
       metrics_page_ = *std::move(page);
     }
-    grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    if (options_.channelz) grpc::channelz::experimental::InitChannelzService();
     grpc::ServerBuilder builder;
     builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(&mesh_handlers_);
     builder.RegisterService(&ray_handlers_);
+    builder.RegisterService(&health_handlers_);
     builder.SetMaxReceiveMessageSize(static_cast<int>(options_.batch.max_message_bytes));
     // A few megabytes of gzip can grow to gigabytes, before any limit is looked at.
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
@@ -83,10 +86,6 @@ class GrpcServer final : public Server {
       return absl::UnavailableError(absl::StrCat("can not listen at ", options_.listen,
                                                  ": the address is malformed, not of this machine, or taken"));
     }
-    for (const std::string& service :
-         {std::string(v1::MeshService::service_full_name()), std::string(v1::RayService::service_full_name())}) {
-      server_->GetHealthCheckService()->SetServingStatus(service, true);
-    }
     return absl::OkStatus();
   }
 
@@ -101,7 +100,7 @@ class GrpcServer final : public Server {
     if (shut_down_) return true;
     shut_down_ = true;
     const auto deadline = std::chrono::steady_clock::now() + timeout;
-    server_->GetHealthCheckService()->Shutdown();
+    health_handlers_.Drain();
     calls_.Drain();
     // A build may take longer than the drain, and ends with it.
     store_->StopWaiting(DrainingError());
@@ -125,6 +124,7 @@ class GrpcServer final : public Server {
   WorkerPool commits_;
   MeshHandlers mesh_handlers_;
   RayHandlers ray_handlers_;
+  HealthHandlers health_handlers_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   Mutex shutdown_mutex_;

@@ -19,6 +19,8 @@ struct ServerOptions {
   std::string listen = "127.0.0.1:7878";
   // Where Prometheus fetches metrics: host:port. Empty: nowhere.
   std::string metrics_listen;
+  // Whether to tell of connections and calls by gRPC's channelz, to whoever asks.
+  bool channelz = false;
   MeshStore::Options store;
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;

@@ -90,7 +90,9 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
 BuildReport MeshEntry::Watch() {
   MutexLock lock(mutex_);
   if (!current_) StartRun(config_, nullptr);
-  return current_ ? CurrentReport() : BuildReport();
+  BuildReport report = current_ ? CurrentReport() : BuildReport();
+  report.answers = answering_ != nullptr && closed_.ok();
+  return report;
 }
 
 BuildReport MeshEntry::CurrentReport() const {

@@ -48,6 +48,7 @@ struct BuildReport {
   uint64_t build_number = 0;
   BuildProgress progress;
   std::string failure;
+  bool answers = false;  // whether there is a tree to query now, of this build or of one before
 };
 
 // A build that has ended.
