@@ -46,6 +46,7 @@ struct Flags {
   bool insecure_listen = false;
   bool insecure_metrics_listen = false;
   double drain_seconds = 10;
+  double idle_seconds = 300;
 };
 
 // Adds a flag that has an environment variable, and shows its default.
@@ -107,6 +108,22 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1.0, 1e15));
   AddFlag(app, "Limits", "max-triangles", server.store.mesh_limits.max_triangles, "Triangles of one mesh")
       ->check(CLI::Range(1.0, 2147483647.0));
+
+  const CLI::Range count(1, 1 << 20);
+  AddFlag(app, "Clients", "max-connections", server.max_connections,
+          "Connections at once; fewer where the limit on open files is low")
+      ->check(count);
+  AddFlag(app, "Clients", "max-connection-calls", server.max_connection_calls, "Calls at once on one connection")
+      ->check(count);
+  AddFlag(app, "Clients", "max-calls", server.calls.calls, "Calls at once, of all kinds")->check(count);
+  AddFlag(app, "Clients", "max-streams", server.calls.streams, "Streams of rays at once")->check(count);
+  AddFlag(app, "Clients", "max-uploads", server.calls.uploads, "Uploads at once")->check(count);
+  AddFlag(app, "Clients", "max-metadata-bytes", server.max_metadata_bytes, "Bytes of the metadata of one call")
+      ->transform(size)
+      ->check(CLI::Range(1 << 10, 1 << 20));
+  AddFlag(app, "Clients", "idle-timeout", flags.idle_seconds,
+          "Seconds that a stream, an upload, or a connection without calls may do nothing")
+      ->check(CLI::Range(1.0, 86400.0));
 
   AddFlag(app, "Log", "log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
@@ -213,6 +230,7 @@ int Main(int argc, char** argv) {
     return kUsage;
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));
+  flags.server.idle_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.idle_seconds * 1000));
   spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
   spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));

@@ -1,6 +1,7 @@
 #include "server/service/server.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -12,11 +13,14 @@
 #include "server/service/call_log.h"
 #include "server/service/calls.h"
 #include "server/service/health.h"
+#include "server/service/listener.h"
 #include "server/service/mesh_handlers.h"
 #include "server/service/metrics.h"
 #include "server/service/metrics_page.h"
 #include "server/service/ray_handlers.h"
+#include "server/service/ticker.h"
 #include "server/service/tracer.h"
+#include "server/service/wake_call.h"
 #include "server/service/worker_pool.h"
 
 namespace deltaray {
@@ -28,6 +32,10 @@ constexpr uint32_t kCommitThreads = 2;
 // A client that has stopped without closing its connection is noticed by this alone.
 constexpr int kKeepaliveMs = 30'000;
 constexpr int kKeepaliveTimeoutMs = 10'000;
+// How long a new connection may take until it speaks HTTP/2.
+constexpr int kHandshakeTimeoutMs = 10'000;
+// How often calls are looked at.
+constexpr std::chrono::milliseconds kTick{250};
 // The least time between pings of a client that has no call under way.
 constexpr int kMinPingIntervalMs = 10'000;
 // Once all of our calls have ended, only health watches and reflection are left.
@@ -38,7 +46,8 @@ class GrpcServer final : public Server {
   GrpcServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics, std::unique_ptr<MeshStore> store)
       : options_(options),
         metrics_(std::move(metrics)),
-        calls_({metrics_.get(), &call_log_}),
+        call_limits_(options.calls),
+        calls_({metrics_.get(), &call_log_, &call_limits_}, options.idle_timeout),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
@@ -60,10 +69,14 @@ class GrpcServer final : public Server {
       if (!page.ok()) return page.status();
       metrics_page_ = *std::move(page);
     }
+    absl::StatusOr<std::unique_ptr<Listener>> listener = Listener::Open(options_.listen, options_.max_connections);
+    if (!listener.ok()) return listener.status();
+    listener_ = *std::move(listener);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     if (options_.channelz) grpc::channelz::experimental::InitChannelzService();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
+    auto acceptor = builder.experimental().AddExternalConnectionAcceptor(
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, grpc::InsecureServerCredentials());
     builder.RegisterService(&mesh_handlers_);
     builder.RegisterService(&ray_handlers_);
     builder.RegisterService(&health_handlers_);
@@ -74,23 +87,28 @@ class GrpcServer final : public Server {
     // The limit on messages is looked at only once a message is in memory; this one holds before.
     const uint64_t network_bytes = std::max(options_.network_bytes, 4 * options_.batch.max_message_bytes);
     builder.SetResourceQuota(grpc::ResourceQuota("deltarayd").Resize(network_bytes));
-    // Two servers at one port would share its clients at random.
-    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
-    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options_.max_streams_per_connection));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options_.max_connection_calls));
+    builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, static_cast<int>(options_.max_metadata_bytes));
+    builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeTimeoutMs);
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, static_cast<int>(options_.idle_timeout.count()));
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
     server_ = builder.BuildAndStart();
-    if (server_ == nullptr) {
-      return absl::UnavailableError(absl::StrCat("can not listen at ", options_.listen,
-                                                 ": the address is malformed, not of this machine, or taken"));
-    }
+    if (server_ == nullptr) return absl::UnavailableError("gRPC can not start a server");
+    listener_->Start(std::move(acceptor));
+    wake_call_.emplace(server_->InProcessChannel({}));
+    ticker_.emplace(kTick, [this] {
+      calls_.Tick(std::chrono::steady_clock::now());
+      wake_call_->Make();
+    });
     return absl::OkStatus();
   }
 
-  int port() const override { return std::max(port_, 0); }
+  int port() const override { return listener_->port(); }
   int metrics_port() const override { return metrics_page_ == nullptr ? 0 : metrics_page_->port(); }
+  uint32_t max_connections() const override { return listener_->max_connections(); }
   uint32_t threads() const override { return tracer_.threads(); }
   bool Drain() override { return Shutdown(options_.drain_timeout); }
 
@@ -107,6 +125,7 @@ class GrpcServer final : public Server {
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
+    listener_->Stop();
     server_->Shutdown(std::chrono::system_clock::now() + grace);
     return all_ended;
   }
@@ -114,6 +133,7 @@ class GrpcServer final : public Server {
   const ServerOptions options_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
   CallLog call_log_;
+  CallLimits call_limits_;
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
   // whose builds hand answers to the tracer.
@@ -126,7 +146,9 @@ class GrpcServer final : public Server {
   RayHandlers ray_handlers_;
   HealthHandlers health_handlers_;
   std::unique_ptr<grpc::Server> server_;
-  int port_ = 0;
+  std::unique_ptr<Listener> listener_;
+  std::optional<WakeCall> wake_call_;
+  std::optional<Ticker> ticker_;
   Mutex shutdown_mutex_;
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
 };

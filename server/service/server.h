@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/service/batch_answer.h"
+#include "server/service/call_limits.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -27,8 +28,15 @@ struct ServerOptions {
   BatchLimits batch;
   // Bytes that messages may take in gRPC before they are handed on, over all connections; at least four messages.
   uint64_t network_bytes = uint64_t{1} << 30;
-  // RPCs at once on one connection.
-  uint32_t max_streams_per_connection = 256;
+  CallLimits::Options calls;
+  // Calls at once on one connection; gRPC clients let further ones wait.
+  uint32_t max_connection_calls = 256;
+  // Connections at once; fewer where the limit on open files is low.
+  uint32_t max_connections = 4096;
+  // Bytes of the metadata of one call.
+  uint32_t max_metadata_bytes = 16 << 10;
+  // How long a stream or an upload whose client is to send or to read, or a connection without calls, may do nothing.
+  std::chrono::milliseconds idle_timeout{300'000};
   // How long Drain waits for the calls under way.
   std::chrono::milliseconds drain_timeout{10'000};
 };
@@ -50,6 +58,8 @@ class Server {
   virtual int metrics_port() const = 0;
   // Threads that trace.
   virtual uint32_t threads() const = 0;
+  // Connections that are let in at once.
+  virtual uint32_t max_connections() const = 0;
 
   // Ends the server: health says NOT_SERVING, new calls are refused with UNAVAILABLE, as are batches that wait for
   // a build; other batches under way are answered,

@@ -18,7 +18,7 @@ absl::Status Prefix(const absl::Status& status, const std::string& prefix) {
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RpcInfo& rpc,
                                                                                const RayBackend& backend) {
-  auto call = std::make_shared<StreamCall>(calls, backend, rpc.context);
+  auto call = std::make_shared<StreamCall>(calls, backend);
   call->weak_self_ = call;
   if (Admit(call, rpc)) {
     MutexLock lock(call->mutex_);
@@ -101,9 +101,15 @@ void StreamCall::OnDrain() {
 
 void StreamCall::BeforeFinish() { context_->AddTrailingMetadata("deltaray-batches", absl::StrCat(batches_answered_)); }
 
+const char* StreamCall::MissingFromClient() const {
+  if (writing_) return "not taken a reply";
+  return line_.empty() ? "sent nothing" : nullptr;
+}
+
 std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
   std::vector<BatchPointer> batches;
   if (finished_) return batches;
+  NoteActivity();
 
   // Write the reply that is next, or end the call with the failure that is next.
   if (!writing_ && !line_.empty() && line_.front()->done) {

@@ -40,6 +40,11 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   void OnReadDone(bool ok) override;
   void OnSendInitialMetadataDone(bool ok) override;
   void OnDrain() override;
+  const char* MissingFromClient() const override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return reading_ ? "sent nothing" : nullptr;
+  }
+
+  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Runs `step`, which returns absl::Status, on `pool`, and finishes the call where it fails.
   template <typename Step>
@@ -50,6 +55,7 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   const UploadBackend backend_;
   grpc::ByteBuffer* const response_;
   std::weak_ptr<UploadCall> weak_self_;
+  bool reading_ ABSL_GUARDED_BY(mutex_) = false;
 
   // Used by one step or reaction at a time; the reactions come in turns, and mutex_ is taken in between.
   grpc::ByteBuffer incoming_;
