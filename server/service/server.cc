@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "grpcpp/ext/proto_server_reflection_plugin.h"
@@ -9,11 +10,15 @@
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
+#include "server/service/authenticator.h"
 #include "server/service/calls.h"
+#include "server/service/listen_address.h"
 #include "server/service/mesh_handlers.h"
 #include "server/service/ray_handlers.h"
+#include "server/service/tls_certificates.h"
 #include "server/service/tracer.h"
 #include "server/service/worker_pool.h"
+#include "spdlog/spdlog.h"
 
 namespace deltaray {
 namespace {
@@ -29,10 +34,47 @@ constexpr int kMinPingIntervalMs = 10'000;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
 
+// What options.security asks for, nullptr where it does not.
+struct Security {
+  std::unique_ptr<TlsCertificates> certificates;
+  std::unique_ptr<Authenticator> authenticator;
+};
+
+absl::StatusOr<Security> ReadSecurity(const SecurityOptions& options, const std::string& listen) {
+  Security security;
+  if (options.tls()) {
+    absl::StatusOr<std::unique_ptr<TlsCertificates>> certificates = TlsCertificates::Start(options);
+    if (!certificates.ok()) return certificates.status();
+    security.certificates = *std::move(certificates);
+  }
+  if (!options.token_file.empty()) {
+    absl::StatusOr<std::unique_ptr<Authenticator>> authenticator = Authenticator::Start(options.token_file);
+    if (!authenticator.ok()) return authenticator.status();
+    security.authenticator = *std::move(authenticator);
+  }
+  const bool shown = !options.tls_client_ca.empty();
+  spdlog::info("connections are {}; {}",
+               shown           ? "mutual TLS"
+               : options.tls() ? "TLS"
+                               : "plaintext",
+               options.token_file.empty() ? "no tokens are asked for" : "tokens are asked for");
+  if (IsLoopback(listen)) return security;
+  if (!options.tls() && !options.token_file.empty()) {
+    spdlog::warn("other machines can reach {}, and tokens travel there in plaintext", listen);
+  }
+  if (!shown && options.token_file.empty()) {
+    spdlog::warn("whoever can reach {} may upload and delete: there is neither --token-file nor --tls-client-ca",
+                 listen);
+  }
+  return security;
+}
+
 class GrpcServer final : public Server {
  public:
-  GrpcServer(const ServerOptions& options, std::unique_ptr<MeshStore> store)
+  GrpcServer(const ServerOptions& options, Security security, std::unique_ptr<MeshStore> store)
       : options_(options),
+        security_(std::move(security)),
+        calls_(Watchers()),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
@@ -51,7 +93,10 @@ class GrpcServer final : public Server {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(options_.listen, grpc::InsecureServerCredentials(), &port_);
+    builder.AddListeningPort(
+        options_.listen,
+        security_.certificates == nullptr ? grpc::InsecureServerCredentials() : security_.certificates->Credentials(),
+        &port_);
     builder.RegisterService(&mesh_handlers_);
     builder.RegisterService(&ray_handlers_);
     builder.SetMaxReceiveMessageSize(static_cast<int>(options_.batch.max_message_bytes));
@@ -85,6 +130,13 @@ class GrpcServer final : public Server {
   bool Drain() override { return Shutdown(options_.drain_timeout); }
 
  private:
+  // In the order in which they are asked.
+  std::vector<CallWatcher*> Watchers() const {
+    std::vector<CallWatcher*> watchers;
+    if (security_.authenticator != nullptr) watchers.push_back(security_.authenticator.get());
+    return watchers;
+  }
+
   bool Shutdown(std::chrono::milliseconds timeout) {
     MutexLock lock(shutdown_mutex_);
     if (shut_down_) return true;
@@ -102,6 +154,7 @@ class GrpcServer final : public Server {
   }
 
   const ServerOptions options_;
+  const Security security_;
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
   // whose builds hand answers to the tracer.
@@ -130,7 +183,9 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& optio
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, std::unique_ptr<MeshStore> store) {
-  auto server = std::make_unique<GrpcServer>(options, std::move(store));
+  absl::StatusOr<Security> security = ReadSecurity(options.security, options.listen);
+  if (!security.ok()) return security.status();
+  auto server = std::make_unique<GrpcServer>(options, *std::move(security), std::move(store));
   if (absl::Status status = server->Listen(); !status.ok()) return status;
   return server;
 }

@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "server/service/batch_answer.h"
+#include "server/service/security_options.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -17,6 +18,7 @@ namespace deltaray {
 struct ServerOptions {
   // Where to listen, as gRPC writes it: host:port or unix:path. Port 0 picks a free one.
   std::string listen = "127.0.0.1:7878";
+  SecurityOptions security;
   MeshStore::Options store;
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;
@@ -32,7 +34,8 @@ struct ServerOptions {
 // A running server. All methods are thread-safe.
 class Server {
  public:
-  // Opens the store and listens. UNAVAILABLE where the address can not be had.
+  // Opens the store and listens. UNAVAILABLE where the address can not be had; INVALID_ARGUMENT, naming flag and file,
+  // where a file of `security` is of no use.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   // The same over a store that is open already.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, std::unique_ptr<MeshStore> store);
