@@ -57,6 +57,7 @@ absl::Status SendChunks(InputFile& file, grpc::ClientWriter<v1::UploadMeshReques
 absl::Status SendFile(Connection& connection, const Session& session, InputFile& file, const v1::UploadHeader& header,
                       v1::UploadMeshResponse* response) {
   grpc::ClientContext context;
+  connection.Prepare(header.name(), &context);
   const StopSignal::Scope scope(session.stop, context);
   const auto writer = connection.meshes().UploadMesh(&context, response);
   v1::UploadMeshRequest first;
