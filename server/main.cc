@@ -16,6 +16,7 @@
 #include "absl/strings/str_join.h"
 #include "server/service/listen_address.h"
 #include "server/service/log.h"
+#include "server/service/security_options.h"
 #include "server/service/server.h"
 #include "spdlog/sinks/stdout_color_sinks.h"
 #include "spdlog/spdlog.h"
@@ -33,6 +34,7 @@ Sizes take suffixes: 64MB, 4GB (powers of 1024).
 Examples:
   deltarayd                                        serve this machine from ./deltaray-data at port 7878
   deltarayd --data-dir /var/lib/deltaray --listen 127.0.0.1:0 --port-file port
+  deltarayd --listen 0.0.0.0:7878 --tls-cert server.pem --tls-key server.key --token-file tokens
   DELTARAY_THREADS=8 deltarayd --insecure-listen --listen 0.0.0.0:7878
 
 Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag.
@@ -67,7 +69,14 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_flag("--insecure-listen", flags.insecure_listen,
                "Listen at an address that other machines can reach, without encryption")
       ->envname("DELTARAY_INSECURE_LISTEN")
-      ->group("Network");
+      ->group("Security");
+  AddFlag(app, "Security", "tls-cert", server.security.tls_cert,
+          "Certificate in PEM, then those that lead to its authority: encrypts all connections");
+  AddFlag(app, "Security", "tls-key", server.security.tls_key, "Private key of that certificate in PEM");
+  AddFlag(app, "Security", "tls-client-ca", server.security.tls_client_ca,
+          "Authorities in PEM: lets in only clients that have a certificate of one of them");
+  AddFlag(app, "Security", "token-file", server.security.token_file,
+          "Lets in only calls with a token of this file; a line: read or write, and the token's SHA-256");
   AddFlag(app, "Network", "port-file", flags.port_file, "File to write the port to once the server listens");
   AddFlag(app, "Network", "drain-timeout", flags.drain_seconds,
           "Seconds that calls under way get to finish after SIGTERM")
@@ -214,11 +223,9 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : kUsage;
   }
-  if (!flags.insecure_listen && !IsLoopback(flags.server.listen)) {
-    std::fprintf(stderr,
-                 "--listen: other machines can reach %s, and the connection is not encrypted; "
-                 "say --insecure-listen if that is meant\n",
-                 flags.server.listen.c_str());
+  const ServerOptions& server = flags.server;
+  if (absl::Status status = ValidateSecurity(server.security, server.listen, flags.insecure_listen); !status.ok()) {
+    std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
     return kUsage;
   }
   const std::string& metrics_listen = flags.server.metrics_listen;

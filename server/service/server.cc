@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "grpcpp/ext/channelz_service_plugin.h"
@@ -10,18 +11,22 @@
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
+#include "server/service/authenticator.h"
 #include "server/service/call_log.h"
 #include "server/service/calls.h"
 #include "server/service/health.h"
+#include "server/service/listen_address.h"
 #include "server/service/listener.h"
 #include "server/service/mesh_handlers.h"
 #include "server/service/metrics.h"
 #include "server/service/metrics_page.h"
 #include "server/service/ray_handlers.h"
 #include "server/service/ticker.h"
+#include "server/service/tls_certificates.h"
 #include "server/service/tracer.h"
 #include "server/service/wake_call.h"
 #include "server/service/worker_pool.h"
+#include "spdlog/spdlog.h"
 
 namespace deltaray {
 namespace {
@@ -41,13 +46,50 @@ constexpr int kMinPingIntervalMs = 10'000;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
 
+// What options.security asks for, nullptr where it does not.
+struct Security {
+  std::unique_ptr<TlsCertificates> certificates;
+  std::unique_ptr<Authenticator> authenticator;
+};
+
+absl::StatusOr<Security> ReadSecurity(const SecurityOptions& options, const std::string& listen) {
+  Security security;
+  if (options.tls()) {
+    absl::StatusOr<std::unique_ptr<TlsCertificates>> certificates = TlsCertificates::Start(options);
+    if (!certificates.ok()) return certificates.status();
+    security.certificates = *std::move(certificates);
+  }
+  if (!options.token_file.empty()) {
+    absl::StatusOr<std::unique_ptr<Authenticator>> authenticator = Authenticator::Start(options.token_file);
+    if (!authenticator.ok()) return authenticator.status();
+    security.authenticator = *std::move(authenticator);
+  }
+  const bool shown = !options.tls_client_ca.empty();
+  spdlog::info("connections are {}; {}",
+               shown           ? "mutual TLS"
+               : options.tls() ? "TLS"
+                               : "plaintext",
+               options.token_file.empty() ? "no tokens are asked for" : "tokens are asked for");
+  if (IsLoopback(listen)) return security;
+  if (!options.tls() && !options.token_file.empty()) {
+    spdlog::warn("other machines can reach {}, and tokens travel there in plaintext", listen);
+  }
+  if (!shown && options.token_file.empty()) {
+    spdlog::warn("whoever can reach {} may upload and delete: there is neither --token-file nor --tls-client-ca",
+                 listen);
+  }
+  return security;
+}
+
 class GrpcServer final : public Server {
  public:
-  GrpcServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics, std::unique_ptr<MeshStore> store)
+  GrpcServer(const ServerOptions& options, Security security, std::shared_ptr<Metrics> metrics,
+             std::unique_ptr<MeshStore> store)
       : options_(options),
+        security_(std::move(security)),
         metrics_(std::move(metrics)),
         call_limits_(options.calls),
-        calls_({metrics_.get(), &call_log_, &call_limits_}, options.idle_timeout),
+        calls_(Watchers(), options.idle_timeout),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
@@ -76,7 +118,8 @@ class GrpcServer final : public Server {
     if (options_.channelz) grpc::channelz::experimental::InitChannelzService();
     grpc::ServerBuilder builder;
     auto acceptor = builder.experimental().AddExternalConnectionAcceptor(
-        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, grpc::InsecureServerCredentials());
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
+        security_.certificates == nullptr ? grpc::InsecureServerCredentials() : security_.certificates->Credentials());
     builder.RegisterService(&mesh_handlers_);
     builder.RegisterService(&ray_handlers_);
     builder.RegisterService(&health_handlers_);
@@ -113,6 +156,14 @@ class GrpcServer final : public Server {
   bool Drain() override { return Shutdown(options_.drain_timeout); }
 
  private:
+  // In the order in which they are asked.
+  std::vector<CallWatcher*> Watchers() {
+    std::vector<CallWatcher*> watchers{metrics_.get(), &call_log_};
+    if (security_.authenticator != nullptr) watchers.push_back(security_.authenticator.get());
+    watchers.push_back(&call_limits_);
+    return watchers;
+  }
+
   bool Shutdown(std::chrono::milliseconds timeout) {
     MutexLock lock(shutdown_mutex_);
     if (shut_down_) return true;
@@ -131,6 +182,7 @@ class GrpcServer final : public Server {
   }
 
   const ServerOptions options_;
+  const Security security_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
   CallLog call_log_;
   CallLimits call_limits_;
@@ -155,7 +207,9 @@ class GrpcServer final : public Server {
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics,
                                                     std::unique_ptr<MeshStore> store) {
-  auto server = std::make_unique<GrpcServer>(options, std::move(metrics), std::move(store));
+  absl::StatusOr<Security> security = ReadSecurity(options.security, options.listen);
+  if (!security.ok()) return security.status();
+  auto server = std::make_unique<GrpcServer>(options, *std::move(security), std::move(metrics), std::move(store));
   if (absl::Status status = server->Listen(); !status.ok()) return status;
   return server;
 }

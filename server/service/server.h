@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "server/service/batch_answer.h"
 #include "server/service/call_limits.h"
+#include "server/service/security_options.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -22,6 +23,7 @@ struct ServerOptions {
   std::string metrics_listen;
   // Whether to tell of connections and calls by gRPC's channelz, to whoever asks.
   bool channelz = false;
+  SecurityOptions security;
   MeshStore::Options store;
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;
@@ -44,7 +46,8 @@ struct ServerOptions {
 // A running server. All methods are thread-safe.
 class Server {
  public:
-  // Opens the store and listens. UNAVAILABLE where the address can not be had.
+  // Opens the store and listens. UNAVAILABLE where the address can not be had; INVALID_ARGUMENT, naming flag and file,
+  // where a file of `security` is of no use.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   // The same over a store that is open already.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, std::unique_ptr<MeshStore> store);
