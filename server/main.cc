@@ -14,6 +14,7 @@
 
 #include "CLI/CLI.hpp"
 #include "absl/strings/str_join.h"
+#include "server/service/exit_deadline.h"
 #include "server/service/listen_address.h"
 #include "server/service/log.h"
 #include "server/service/security_options.h"
@@ -26,6 +27,9 @@ namespace {
 
 constexpr int kFailure = 1;
 constexpr int kUsage = 2;
+constexpr int kHung = 3;
+// What the end may take after the drain, until it counts as hung.
+constexpr std::chrono::seconds kEndTime{10};
 
 constexpr char kFooter[] =
     R"(Every flag can be given by the environment too: --data-dir as DELTARAY_DATA_DIR. The flag comes first.
@@ -37,7 +41,8 @@ Examples:
   deltarayd --listen 0.0.0.0:7878 --tls-cert server.pem --tls-key server.key --token-file tokens
   DELTARAY_THREADS=8 deltarayd --insecure-listen --listen 0.0.0.0:7878
 
-Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag.
+Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag; 3 where something hung
+until 10 s after the drain.
 The first SIGTERM or SIGINT lets batches under way finish, the second one ends the server at once.)";
 
 struct Flags {
@@ -49,6 +54,7 @@ struct Flags {
   bool insecure_metrics_listen = false;
   double drain_seconds = 10;
   double idle_seconds = 300;
+  double watchdog_seconds = 5;
 };
 
 // Adds a flag that has an environment variable, and shows its default.
@@ -94,6 +100,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
                "Tell of connections and calls by gRPC's channelz, to whoever asks, without a token")
       ->envname("DELTARAY_CHANNELZ")
       ->group("Metrics");
+
+  AddFlag(app, "Network", "watchdog-interval", flags.watchdog_seconds,
+          "Seconds between two looks of the server at whether it accepts connections and answers")
+      ->check(CLI::Range(0.1, 3600.0));
 
   AddFlag(app, "Storage", "data-dir", server.store.data_directory,
           "Directory that meshes are kept in; made if missing");
@@ -205,6 +215,7 @@ int Run(const Flags& flags) {
   sigwait(&signals, &received);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   spdlog::info("{}: draining, for at most {} s", received == SIGTERM ? "SIGTERM" : "SIGINT", flags.drain_seconds);
+  const ExitDeadline deadline(options.drain_timeout + kEndTime, kHung);
   if (!(*server)->Drain()) spdlog::warn("some calls were cut off");
   server->reset();
   spdlog::info("ended");
@@ -237,6 +248,7 @@ int Main(int argc, char** argv) {
     return kUsage;
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));
+  flags.server.watchdog_interval = std::chrono::milliseconds(static_cast<int64_t>(flags.watchdog_seconds * 1000));
   flags.server.idle_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.idle_seconds * 1000));
   spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
   spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));

@@ -69,9 +69,9 @@ Metrics::Metrics() : meshes_(*registry_) {
   AddBatches();
   AddBuilds();
   upload_bytes_ = &AddCounter(*registry_, "deltaray_upload_bytes_total", "Bytes of files received.").Add({});
-  deaf_listener_ = &AddCounter(*registry_, "deltaray_deaf_listener_total",
-                               "Times that the server did not answer at its own address and listened anew.")
-                        .Add({});
+  watchdog_failures_ = &AddCounter(*registry_, "deltaray_watchdog_failures_total",
+                                   "Times that the watchdog saw that the server did not accept, or not answer.")
+                            .Add({});
 }
 
 void Metrics::AddMethods(const google::protobuf::FileDescriptor& file) {

@@ -47,7 +47,7 @@ class Metrics final : public CallWatcher {
   void CountBatch(const AnsweredBatch& batch);
   void CountUploadBytes(size_t bytes) { upload_bytes_->Increment(static_cast<double>(bytes)); }
   void CountBuild(const EndedBuild& build);
-  void CountDeafListener() { deaf_listener_->Increment(); }
+  void CountWatchdogFailure() { watchdog_failures_->Increment(); }
 
   prometheus::Gauge& batches_waiting() { return *batches_waiting_; }
   prometheus::Gauge& batches_tracing() { return *batches_tracing_; }
@@ -89,7 +89,7 @@ class Metrics final : public CallWatcher {
   std::array<prometheus::Counter*, kPhases> phase_seconds_;
   prometheus::Histogram* build_seconds_;
   prometheus::Counter* delta_leaves_;
-  prometheus::Counter* deaf_listener_;
+  prometheus::Counter* watchdog_failures_;
   MeshMetrics meshes_;
 };
 

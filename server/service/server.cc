@@ -25,6 +25,7 @@
 #include "server/service/tls_certificates.h"
 #include "server/service/tracer.h"
 #include "server/service/wake_call.h"
+#include "server/service/watchdog.h"
 #include "server/service/worker_pool.h"
 #include "spdlog/spdlog.h"
 
@@ -45,6 +46,9 @@ constexpr std::chrono::milliseconds kTick{250};
 constexpr int kMinPingIntervalMs = 10'000;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
+
+// How long the watchdog waits for what takes no time where all is well.
+constexpr std::chrono::milliseconds kPatience{2000};
 
 // What options.security asks for, nullptr where it does not.
 struct Security {
@@ -146,6 +150,13 @@ class GrpcServer final : public Server {
       calls_.Tick(std::chrono::steady_clock::now());
       wake_call_->Make();
     });
+    watchdog_.emplace(
+        options_.watchdog_interval, [this] { return WhatIsWrong(); },
+        [this] {
+          metrics_->CountWatchdogFailure();
+          if (absl::Status status = listener_->Rebind(); !status.ok())
+            spdlog::error("watchdog: {}", std::string(status.message()));
+        });
     return absl::OkStatus();
   }
 
@@ -164,6 +175,13 @@ class GrpcServer final : public Server {
     return watchers;
   }
 
+  // For the watchdog; empty: nothing.
+  std::string WhatIsWrong() const {
+    if (!listener_->Hears(kPatience)) return absl::StrCat("connections to ", options_.listen, " are not accepted");
+    if (wake_call_->Waiting() > kPatience) return "gRPC does not answer a call of our own";
+    return "";
+  }
+
   bool Shutdown(std::chrono::milliseconds timeout) {
     MutexLock lock(shutdown_mutex_);
     if (shut_down_) return true;
@@ -176,6 +194,7 @@ class GrpcServer final : public Server {
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
+    watchdog_.reset();
     listener_->Stop();
     server_->Shutdown(std::chrono::system_clock::now() + grace);
     return all_ended;
@@ -201,6 +220,7 @@ class GrpcServer final : public Server {
   std::unique_ptr<Listener> listener_;
   std::optional<WakeCall> wake_call_;
   std::optional<Ticker> ticker_;
+  std::optional<Watchdog> watchdog_;
   Mutex shutdown_mutex_;
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
 };

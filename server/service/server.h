@@ -39,6 +39,8 @@ struct ServerOptions {
   uint32_t max_metadata_bytes = 16 << 10;
   // How long a stream or an upload whose client is to send or to read, or a connection without calls, may do nothing.
   std::chrono::milliseconds idle_timeout{300'000};
+  // How often the server looks whether it hears and answers.
+  std::chrono::milliseconds watchdog_interval{5000};
   // How long Drain waits for the calls under way.
   std::chrono::milliseconds drain_timeout{10'000};
 };
