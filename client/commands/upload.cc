@@ -57,6 +57,7 @@ absl::Status SendChunks(InputFile& file, grpc::ClientWriter<v1::UploadMeshReques
 absl::Status SendFile(Connection& connection, const Session& session, InputFile& file, const v1::UploadHeader& header,
                       v1::UploadMeshResponse* response) {
   grpc::ClientContext context;
+  connection.Prepare(header.name(), &context);
   const StopSignal::Scope scope(session.stop, context);
   const auto writer = connection.meshes().UploadMesh(&context, response);
   v1::UploadMeshRequest first;
@@ -66,7 +67,7 @@ absl::Status SendFile(Connection& connection, const Session& session, InputFile&
   const absl::Status sent = SendChunks(file, *writer, bar);
   // Without the cancellation the server would take the half that it got for the whole.
   if (!sent.ok()) context.TryCancel();
-  const grpc::Status rpc_status = writer->Finish();
+  const grpc::Status rpc_status = WithRequestId(writer->Finish(), context);
   return sent.ok() ? connection.Result(rpc_status) : sent;
 }
 

@@ -4,12 +4,16 @@
 #define SERVER_SERVICE_CALL_REACTOR_H_
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <utility>
 
 #include "absl/status/status.h"
+#include "grpc/grpc.h"
+#include "grpcpp/server_context.h"
 #include "server/build/mutex.h"
 #include "server/service/calls.h"
+#include "server/service/log.h"
 #include "server/service/rpc_status.h"
 
 namespace deltaray {
@@ -32,6 +36,11 @@ class CallReactor : public Reactor, public Call {
   // Hands `call` over to gRPC. False: it is refused, and was finished.
   static bool Admit(const std::shared_ptr<CallReactor>& call, const RpcInfo& rpc) {
     call->self_ = call;
+    {
+      MutexLock lock(call->mutex_);
+      call->context_ = rpc.context;
+      call->active_at_ = rpc.began;
+    }
     const absl::Status status = call->calls_->Add(call, rpc);
     if (status.ok()) return true;
     MutexLock lock(call->mutex_);
@@ -43,10 +52,37 @@ class CallReactor : public Reactor, public Call {
   void FinishOnce(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (finished_) return;
     finished_ = true;
+    active_at_ = std::chrono::steady_clock::now();
     status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
+    const LogScope scope(record().request_id);
     this->Finish(ToRpcStatus(status));
+  }
+
+  // Ends the call at once, although its client does not take what was sent to it, which Finish would wait for.
+  void CutOff(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (done_) return;
+    FinishOnce(status);
+    const grpc::Status rpc_status = ToRpcStatus(status);
+    grpc_call_cancel_with_status(context_->c_call(), static_cast<grpc_status_code>(rpc_status.error_code()),
+                                 rpc_status.error_message().c_str(), nullptr);
+  }
+
+  // What the client has not done, where the call waits for its client; nullptr where it does not.
+  virtual const char* MissingFromClient() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return nullptr; }
+
+  // To be called whenever the client, or the server for it, has done something.
+  void NoteActivity() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { active_at_ = std::chrono::steady_clock::now(); }
+
+  void OnTick(std::chrono::steady_clock::time_point idle_since) override {
+    MutexLock lock(mutex_);
+    if (active_at_ > idle_since) return;
+    if (finished_) {
+      CutOff(status_.ok() ? calls_->IdleError("not taken the reply") : status_);
+    } else if (const char* missing = MissingFromClient(); missing != nullptr) {
+      CutOff(calls_->IdleError(missing));
+    }
   }
 
   // Marks the call as cancelled, so that its tasks end soon.
@@ -55,7 +91,10 @@ class CallReactor : public Reactor, public Call {
   void OnCancel() override {
     SetCancelled();
     MutexLock lock(mutex_);
-    FinishOnce(absl::CancelledError("cancelled by the client"));
+    // gRPC cancels calls whose deadline has passed, too.
+    const bool late = context_->deadline() <= std::chrono::system_clock::now();
+    FinishOnce(late ? absl::DeadlineExceededError("the deadline of the call has passed")
+                    : absl::CancelledError("cancelled by the client"));
   }
 
   void OnDone() override {
@@ -64,6 +103,7 @@ class CallReactor : public Reactor, public Call {
     {
       MutexLock lock(mutex_);
       status = status_;
+      done_ = true;
     }
     calls_->Remove(this, status);
     const std::shared_ptr<CallReactor> self = std::move(self_);
@@ -73,6 +113,9 @@ class CallReactor : public Reactor, public Call {
   virtual void BeforeFinish() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {}
 
   Mutex mutex_;
+  grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mutex_) = nullptr;  // gRPC's; valid while !done_
+  bool done_ ABSL_GUARDED_BY(mutex_) = false;                               // gRPC is done with the call
+  std::chrono::steady_clock::time_point active_at_ ABSL_GUARDED_BY(mutex_);
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status status_ ABSL_GUARDED_BY(mutex_);  // once finished_
 

@@ -3,11 +3,15 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+
 namespace deltaray {
 
 absl::Status DrainingError() { return absl::UnavailableError("the server is draining"); }
 
 absl::Status Calls::Add(const std::shared_ptr<Call>& call, RpcInfo rpc) {
+  rpc.record = &call->record();
   absl::Status status;
   size_t watched = 0;
   while (status.ok() && watched < watchers_.size()) status = watchers_[watched++]->OnBegin(rpc);
@@ -37,11 +41,31 @@ void Calls::Drain() {
   {
     MutexLock lock(mutex_);
     draining_ = true;
-    for (const auto& [key, under_way] : calls_) {
-      if (auto alive = under_way.call.lock()) calls.push_back(std::move(alive));
-    }
+    calls = Alive();
   }
   for (const auto& call : calls) call->OnDrain();
+}
+
+void Calls::Tick(std::chrono::steady_clock::time_point now) {
+  std::vector<std::shared_ptr<Call>> calls;
+  {
+    MutexLock lock(mutex_);
+    calls = Alive();
+  }
+  for (const auto& call : calls) call->OnTick(now - idle_timeout_);
+}
+
+std::vector<std::shared_ptr<Call>> Calls::Alive() const {
+  std::vector<std::shared_ptr<Call>> calls;
+  for (const auto& [key, under_way] : calls_) {
+    if (auto alive = under_way.call.lock()) calls.push_back(std::move(alive));
+  }
+  return calls;
+}
+
+absl::Status Calls::IdleError(absl::string_view what) const {
+  return absl::DeadlineExceededError(absl::StrCat(
+      "the client has ", what, " for ", absl::FormatDuration(absl::FromChrono(idle_timeout_)), " (--idle-timeout)"));
 }
 
 bool Calls::WaitUntilNone(std::chrono::steady_clock::time_point deadline) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "server/build/mutex.h"
 #include "server/service/call_watcher.h"
 
@@ -23,6 +24,15 @@ class Call {
   // The server drains. A call that has work of a client in hand finishes it; one that waits for its client, or would
   // take long, ends now with DrainingError(). Called at most once, on the thread that drains.
   virtual void OnDrain() {}
+
+  // Comes several times a second. A call that has waited for its client since `idle_since` or longer ends with
+  // IdleError(). Must not take long.
+  virtual void OnTick(std::chrono::steady_clock::time_point /*idle_since*/) {}
+
+  CallRecord& record() { return record_; }
+
+ private:
+  CallRecord record_;
 };
 
 // What a call that the drain ends or refuses is told.
@@ -31,13 +41,22 @@ absl::Status DrainingError();
 // All calls under way. Thread-safe.
 class Calls {
  public:
-  // `watchers` are asked in this order, and outlive the calls.
-  explicit Calls(std::vector<CallWatcher*> watchers = {}) : watchers_(std::move(watchers)) {}
+  // `watchers` are asked in this order, and outlive the calls. Calls that wait for their client longer than
+  // `idle_timeout` end.
+  explicit Calls(std::vector<CallWatcher*> watchers = {},
+                 std::chrono::milliseconds idle_timeout = std::chrono::hours(1))
+      : watchers_(std::move(watchers)), idle_timeout_(idle_timeout) {}
 
   // Notes a call. Where not OK, because a watcher refuses it or the server drains, the call must end with this status.
   absl::Status Add(const std::shared_ptr<Call>& call, RpcInfo rpc);
   // Forgets a call that has ended, with `status`.
   void Remove(const Call* call, const absl::Status& status);
+
+  // To be called several times a second: ends idle calls.
+  void Tick(std::chrono::steady_clock::time_point now);
+
+  // What a call that waits for its client for too long is told: "the client has <done nothing> for ...".
+  absl::Status IdleError(absl::string_view what) const;
 
   // Lets no call in any more, and tells those under way.
   void Drain();
@@ -51,7 +70,11 @@ class Calls {
     size_t watched = 0;  // by so many of the watchers
   };
 
+  // The calls that have not been destroyed yet.
+  std::vector<std::shared_ptr<Call>> Alive() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
   const std::vector<CallWatcher*> watchers_;
+  const std::chrono::milliseconds idle_timeout_;
   Mutex mutex_;
   Condition changed_;
   std::unordered_map<const Call*, UnderWay> calls_ ABSL_GUARDED_BY(mutex_);

@@ -29,7 +29,7 @@ void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
 }
 
 absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call, grpc::ByteBuffer bytes,
-                           bool on_tracer) {
+                           std::shared_ptr<BatchMeter> meter, bool on_tracer) {
   v1::CastRaysRequest request;
   auto job = std::make_shared<BatchJob>();
   if (absl::Status status = ParseRayMessage(std::move(bytes), &request, &job->rays); !status.ok()) return status;
@@ -37,6 +37,7 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Unar
   if (!query.ok()) return query.status();
   job->mesh = request.mesh();
   job->query = *query;
+  job->meter = std::move(meter);
   job->cancelled = [call] { return call->cancelled(); };
   job->done = [call](absl::StatusOr<BatchJob::Answer> answer) { ReplyTo(*call, std::move(answer)); };
   if (on_tracer || IsSmall(*query, job->rays.rays.size)) {
@@ -88,8 +89,9 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* con
   auto call = std::make_shared<UnaryCall>(calls_, response);
   if (!UnaryCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
-  auto answer = [backend = backend_, call, bytes = *request, on_tracer] {
-    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, on_tracer); });
+  auto answer = [backend = backend_, call, bytes = *request,
+                 meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record()), on_tracer] {
+    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, meter, on_tracer); });
     if (!status.ok()) call->Reply(status, {});
   };
   if (on_tracer) {

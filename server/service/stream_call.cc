@@ -18,7 +18,7 @@ absl::Status Prefix(const absl::Status& status, const std::string& prefix) {
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RpcInfo& rpc,
                                                                                const RayBackend& backend) {
-  auto call = std::make_shared<StreamCall>(calls, backend, rpc.context);
+  auto call = std::make_shared<StreamCall>(calls, backend);
   call->weak_self_ = call;
   if (Admit(call, rpc)) {
     MutexLock lock(call->mutex_);
@@ -59,6 +59,7 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   auto batch = std::make_shared<Batch>();
   batch->number = batches_read_++;
   batch->request = std::move(message);
+  batch->meter = std::make_shared<BatchMeter>(backend_.metrics, &record());
   batch->done = !status.ok();
   batch->status = std::move(status);
   line_.push_back(std::move(batch));
@@ -100,9 +101,15 @@ void StreamCall::OnDrain() {
 
 void StreamCall::BeforeFinish() { context_->AddTrailingMetadata("deltaray-batches", absl::StrCat(batches_answered_)); }
 
+const char* StreamCall::MissingFromClient() const {
+  if (writing_) return "not taken a reply";
+  return line_.empty() ? "sent nothing" : nullptr;
+}
+
 std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
   std::vector<BatchPointer> batches;
   if (finished_) return batches;
+  NoteActivity();
 
   // Write the reply that is next, or end the call with the failure that is next.
   if (!writing_ && !line_.empty() && line_.front()->done) {
@@ -180,6 +187,7 @@ void StreamCall::Answer(const BatchPointer& batch) {
       job->query = target_->query;
     }
     const auto self = weak_self_.lock();
+    job->meter = std::move(batch->meter);
     job->cancelled = [self] { return self->cancelled(); };
     job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {
       grpc::ByteBuffer reply;

@@ -34,14 +34,14 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   static grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Start(Calls* calls, const RpcInfo& rpc,
                                                                             const RayBackend& backend);
 
-  StreamCall(Calls* calls, const RayBackend& backend, grpc::CallbackServerContext* context)
-      : CallReactor(calls), backend_(backend), context_(context) {}
+  StreamCall(Calls* calls, const RayBackend& backend) : CallReactor(calls), backend_(backend) {}
 
  private:
   // A batch in line.
   struct Batch {
     uint64_t number = 0;
     grpc::ByteBuffer request;
+    std::shared_ptr<BatchMeter> meter;  // until its job has it
     bool in_hand = false;
     // Once done:
     bool done = false;
@@ -59,6 +59,7 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   void OnWriteDone(bool ok) override;
   void OnDrain() override;
   void BeforeFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  const char* MissingFromClient() const override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Reads the first message.
   absl::StatusOr<Target> ReadStart(grpc::ByteBuffer message) const;
@@ -74,7 +75,6 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
       ABSL_LOCKS_EXCLUDED(mutex_);
 
   const RayBackend backend_;
-  grpc::CallbackServerContext* const context_;
   std::weak_ptr<StreamCall> weak_self_;
 
   grpc::ByteBuffer incoming_;  // gRPC's while reading_

@@ -15,11 +15,25 @@ grpc::ServerReadReactor<grpc::ByteBuffer>* UploadCall::Start(Calls* calls, const
                                                              const UploadBackend& backend, grpc::ByteBuffer* response) {
   auto call = std::make_shared<UploadCall>(calls, backend, response);
   call->weak_self_ = call;
-  if (Admit(call, rpc)) call->StartRead(&call->incoming_);
+  if (Admit(call, rpc)) {
+    MutexLock lock(call->mutex_);
+    call->Read();
+  }
   return call.get();
 }
 
+void UploadCall::Read() {
+  if (finished_) return;
+  NoteActivity();
+  reading_ = true;
+  StartRead(&incoming_);
+}
+
 void UploadCall::OnReadDone(bool ok) {
+  {
+    MutexLock lock(mutex_);
+    reading_ = false;
+  }
   if (ok) {
     RunStep(backend_.disk, [this] { return TakeMessage(); });
     return;
@@ -51,6 +65,7 @@ void UploadCall::RunStep(WorkerPool* pool, Step step) {
       MutexLock lock(self->mutex_);
       if (self->finished_) return;
     }
+    const LogScope scope(self->record().request_id);
     const absl::Status status = CatchExceptions(step);
     if (status.ok()) return;
     MutexLock lock(self->mutex_);
@@ -77,10 +92,11 @@ absl::Status UploadCall::TakeMessage() {
       return absl::InvalidArgumentError(
           absl::StrCat(where, "all messages of an upload but the first one must hold chunk"));
     }
+    backend_.metrics->CountUploadBytes(request.chunk().size());
     if (absl::Status status = upload_->Append(request.chunk()); !status.ok()) return status;
   }
   MutexLock lock(mutex_);
-  if (!finished_) StartRead(&incoming_);
+  Read();
   return absl::OkStatus();
 }
 

@@ -9,6 +9,7 @@
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/server_callback.h"
 #include "server/service/call_reactor.h"
+#include "server/service/metrics.h"
 #include "server/service/worker_pool.h"
 #include "server/store/mesh_store.h"
 
@@ -21,6 +22,7 @@ struct UploadBackend {
   WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
   uint64_t max_upload_bytes;
   uint64_t max_message_bytes;  // of a reply
+  Metrics* metrics;
 };
 
 // Takes the messages one at a time: the next one is read once the one before is written. A message of a cancelled
@@ -38,6 +40,11 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   void OnReadDone(bool ok) override;
   void OnSendInitialMetadataDone(bool ok) override;
   void OnDrain() override;
+  const char* MissingFromClient() const override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return reading_ ? "sent nothing" : nullptr;
+  }
+
+  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Runs `step`, which returns absl::Status, on `pool`, and finishes the call where it fails.
   template <typename Step>
@@ -48,6 +55,7 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   const UploadBackend backend_;
   grpc::ByteBuffer* const response_;
   std::weak_ptr<UploadCall> weak_self_;
+  bool reading_ ABSL_GUARDED_BY(mutex_) = false;
 
   // Used by one step or reaction at a time; the reactions come in turns, and mutex_ is taken in between.
   grpc::ByteBuffer incoming_;

@@ -76,8 +76,8 @@ absl::Status DeleteMesh(Connection& connection, const std::string& mesh) {
   v1::DeleteMeshRequest request;
   request.set_mesh(mesh);
   v1::DeleteMeshResponse response;
-  return connection.Call(
-      [&](grpc::ClientContext* context) { return connection.meshes().DeleteMesh(context, request, &response); });
+  return connection.CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection.meshes().DeleteMesh(context, request, &response); });
 }
 
 WireRays::WireRays(std::span<const Ray> rays) {

@@ -1,0 +1,47 @@
+#include "server/service/call_limits.h"
+
+#include "absl/strings/str_cat.h"
+
+namespace deltaray {
+namespace {
+
+constexpr std::string_view kStreamRays = "RayService/StreamRays";
+constexpr std::string_view kUploadMesh = "MeshService/UploadMesh";
+
+absl::Status Refusal(uint32_t limit, const char* what, const char* flag) {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("the server is at its limit of ", limit, " ", what, " at once (", flag, "); try again later"));
+}
+
+}  // namespace
+
+absl::Status CallLimits::OnBegin(RpcInfo& rpc) {
+  const bool stream = rpc.method == kStreamRays, upload = rpc.method == kUploadMesh;
+  MutexLock lock(mutex_);
+  absl::Status status;
+  if (calls_ >= options_.calls) {
+    status = Refusal(options_.calls, "calls", "--max-calls");
+  } else if (stream && streams_ >= options_.streams) {
+    status = Refusal(options_.streams, "streams", "--max-streams");
+  } else if (upload && uploads_ >= options_.uploads) {
+    status = Refusal(options_.uploads, "uploads", "--max-uploads");
+  }
+  if (!status.ok()) {
+    refused_.insert(rpc.context);
+    return status;
+  }
+  ++calls_;
+  streams_ += stream;
+  uploads_ += upload;
+  return status;
+}
+
+void CallLimits::OnEnd(const RpcInfo& rpc, const absl::Status&) {
+  MutexLock lock(mutex_);
+  if (refused_.erase(rpc.context) != 0) return;
+  --calls_;
+  streams_ -= rpc.method == kStreamRays;
+  uploads_ -= rpc.method == kUploadMesh;
+}
+
+}  // namespace deltaray

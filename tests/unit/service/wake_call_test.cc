@@ -1,0 +1,32 @@
+#include "server/service/wake_call.h"
+
+#include <algorithm>
+
+#include "gtest/gtest.h"
+#include "tests/unit/service/running_server.h"
+
+namespace deltaray {
+namespace {
+
+using std::chrono::steady_clock;
+
+class WakeCallTest : public RunningServer {};
+
+// Calls that came 1.05 to 1.1 s after the one before took up to 50 ms.
+TEST_F(WakeCallTest, AnIdleServerAnswersAtOnce) {
+  Start();
+  std::vector<double> times;
+  for (int i = 0; i < 7; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1045 + 5 * i));
+    const auto start = steady_clock::now();
+    grpc::ByteBuffer response;
+    ASSERT_TRUE(CallRaw("/grpc.health.v1.Health/Check", "", &response).ok());
+    times.push_back(std::chrono::duration<double, std::milli>(steady_clock::now() - start).count());
+  }
+  // The median leaves room for a machine that is not idle.
+  std::sort(times.begin(), times.end());
+  EXPECT_LT(times[times.size() / 2], 10);
+}
+
+}  // namespace
+}  // namespace deltaray
