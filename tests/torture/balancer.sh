@@ -84,7 +84,7 @@ crash_server
 balancer="127.0.0.1:${ports[3]}"
 sed -E -e "s/server server1:7878/server 127.0.0.1:${ports[0]}/" -e "s/server server2:7878/server 127.0.0.1:${ports[1]}/" \
   -e "s/server server3:7878/server 127.0.0.1:${ports[2]}/" -e "s/listen 7878/listen $balancer/" \
-  -e "s|/tmp/|$scratch/|" -e "s|/dev/stderr|$scratch/nginx.log|" "$here/../../docker/balancer/nginx.conf" >"$scratch/nginx.conf"
+  -e "s|/tmp/|$scratch/|" -e "s|error_log stderr|error_log $scratch/nginx.log|" "$here/../../docker/balancer/nginx.conf" >"$scratch/nginx.conf"
 nginx -e "$scratch/nginx.log" -c "$scratch/nginx.conf" -g 'daemon off;' >"$scratch/nginx.out" 2>&1 &
 nginx=$!
 for i in $(seq 100); do
