@@ -146,7 +146,7 @@ absl::Status BadReply(uint64_t batch, absl::string_view what) {
 struct Answers {
   TakeHits take;
   uint64_t count = 0;
-  std::string mesh_id;  // that they are for; empty before the first one
+  std::string mesh_id = {};  // that they are for; empty before the first one
 };
 
 // Takes replies until the server sends no more. The first one of this stream answers the batch `answers.count`.

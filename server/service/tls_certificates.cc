@@ -48,7 +48,7 @@ absl::Status TlsCertificates::Load(const std::vector<ReloadedFile>& files) {
   }
   MutexLock lock(mutex_);
   files_ = files;
-  fetched_ = false;
+  given_ = false;
   return absl::OkStatus();
 }
 
@@ -62,15 +62,16 @@ std::shared_ptr<grpc::ServerCredentials> TlsCertificates::Credentials() {
 
 grpc_ssl_certificate_config_reload_status TlsCertificates::Fetch(void* self,
                                                                  grpc_ssl_server_certificate_config** config) {
-  auto& certificates = *static_cast<TlsCertificates*>(self);
-  MutexLock lock(certificates.mutex_);
-  if (certificates.fetched_) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
-  const std::vector<ReloadedFile>& files = certificates.files_;
-  const grpc_ssl_pem_key_cert_pair pair = {files[1].bytes.c_str(), files[0].bytes.c_str()};
+  return static_cast<TlsCertificates*>(self)->Give(config);
+}
+
+grpc_ssl_certificate_config_reload_status TlsCertificates::Give(grpc_ssl_server_certificate_config** config) {
+  MutexLock lock(mutex_);
+  if (given_) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
+  const grpc_ssl_pem_key_cert_pair pair = {files_[1].bytes.c_str(), files_[0].bytes.c_str()};
   // Debug builds of gRPC insist on authorities even where no client is asked for a certificate.
-  const std::string& authorities = files[certificates.ask_clients_ ? 2 : 0].bytes;
-  *config = grpc_ssl_server_certificate_config_create(authorities.c_str(), &pair, 1);
-  certificates.fetched_ = true;
+  *config = grpc_ssl_server_certificate_config_create(files_[ask_clients_ ? 2 : 0].bytes.c_str(), &pair, 1);
+  given_ = true;
   return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;
 }
 

@@ -36,11 +36,12 @@ class TlsCertificates {
   absl::Status Load(const std::vector<ReloadedFile>& files);
   // What gRPC calls before each handshake.
   static grpc_ssl_certificate_config_reload_status Fetch(void* self, grpc_ssl_server_certificate_config** config);
+  grpc_ssl_certificate_config_reload_status Give(grpc_ssl_server_certificate_config** config);
 
   const bool ask_clients_;
   Mutex mutex_;
   std::vector<ReloadedFile> files_ ABSL_GUARDED_BY(mutex_);  // certificate, key, and authorities of clients, if any
-  bool fetched_ ABSL_GUARDED_BY(mutex_) = false;
+  bool given_ ABSL_GUARDED_BY(mutex_) = false;               // to gRPC
   std::unique_ptr<ReloadedFiles> reloaded_;
 };
 

@@ -45,8 +45,9 @@ v1::RayQuery Query(const WireRays& rays) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<BenchConnection>> BenchConnection::Open(const std::string& address) {
-  std::unique_ptr<BenchConnection> connection(new BenchConnection(address));
+absl::StatusOr<std::unique_ptr<BenchConnection>> BenchConnection::Open(const std::string& address,
+                                                                       const std::string& ca_file) {
+  std::unique_ptr<BenchConnection> connection(new BenchConnection(address, ca_file));
   connection->connection_ = Connection::Open(connection->session_);
   if (!connection->connection_.ok()) return connection->connection_.status();
   return connection;

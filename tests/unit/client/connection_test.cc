@@ -1,7 +1,5 @@
 #include "client/connection.h"
 
-#include <fstream>
-
 #include "client/exit_code.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -65,6 +63,20 @@ TEST_F(ConnectionTest, WatchesAreResumed) {
   session_.session().retry_seconds = 0;
   server_.behaviour.watch_failures = 1;
   EXPECT_EQ(session_.Run({"watch", "bunny"}), 78);
+}
+
+TEST_F(ConnectionTest, OnlyUploadsOfFilesWithoutANameAreRepeated) {
+  session_.session().retry_seconds = 20;
+  server_.behaviour.upload_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "lost");
+  TemporaryFile file("v 0 0 0");
+  server_.behaviour.upload_failures = 2;
+  EXPECT_EQ(session_.Run({"upload", file.path(), "--format", "obj"}), 0) << session_.TakeMessages();
+  EXPECT_EQ(server_.mesh_service.last_upload, "v 0 0 0");
+  server_.behaviour.upload_failures = 1;
+  EXPECT_EQ(session_.Run({"upload", file.path(), "--format", "obj", "--name", "bunny"}), 78);
+  server_.behaviour.upload_failures = 1;
+  session_.SetInput("v 0 0 0");
+  EXPECT_EQ(session_.Run({"upload", "-", "--format", "obj"}), 78);
 }
 
 TEST_F(ConnectionTest, EachCallCarriesItsMeshAsPrintableText) {

@@ -41,8 +41,9 @@ struct FakeBehaviour {
   uint64_t extra_batches = 0;
   // WatchBuild ends with this state.
   v1::MeshState final_state = v1::MESH_STATE_READY;
-  // UploadMesh fails with this after the header.
+  // UploadMesh: so many calls fail with this after the header.
   grpc::Status upload_status;
+  int upload_failures = std::numeric_limits<int>::max();
   // ListMeshes sleeps so long.
   int list_delay_ms = 0;
 };
@@ -78,7 +79,7 @@ class FakeMeshService : public v1::MeshService::Service {
     v1::UploadMeshRequest request;
     reader->Read(&request);
     const v1::UploadHeader header = request.header();
-    if (!behaviour->upload_status.ok()) return behaviour->upload_status;
+    if (!behaviour->upload_status.ok() && behaviour->upload_failures-- > 0) return behaviour->upload_status;
     std::string bytes;
     while (reader->Read(&request)) bytes += request.chunk();
     const std::lock_guard lock(mutex);
