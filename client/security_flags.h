@@ -14,12 +14,12 @@ class App;
 namespace deltaray {
 
 struct SecurityFlags {
-  bool tls = false;        // wanted even where no file below is given
-  std::string ca_file;     // authorities in PEM; empty: those of the system
-  std::string cert_file;   // certificate of the client in PEM; empty: none
-  std::string key_file;    // its private key
-  std::string token_file;  // its first line is the token
-  std::string token;       // from the environment; never a flag, which all users of the machine could read
+  bool tls = false;             // wanted even where no file below is given
+  std::string ca_file = {};     // authorities in PEM; empty: those of the system
+  std::string cert_file = {};   // certificate of the client in PEM; empty: none
+  std::string key_file = {};    // its private key
+  std::string token_file = {};  // its first line is the token
+  std::string token = {};       // from the environment; never a flag, which all users of the machine could read
   bool insecure_token = false;
 
   bool UsesTls() const { return tls || !ca_file.empty() || !cert_file.empty() || !key_file.empty(); }

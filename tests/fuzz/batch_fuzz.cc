@@ -162,11 +162,11 @@ void Answer(const v1::RayQuery& message, const RayBatchBytes& rays, bool moved) 
   if (!query.ok()) return CheckRefusal(query.status(), {absl::StatusCode::kInvalidArgument});
   static Scene scene;
   const TreeSnapshot snapshot = scene.Snapshot(moved);
-  const absl::StatusOr<grpc::Slice> hits = AnswerBatch(snapshot, *query, rays, kLimits, [] { return false; });
-  if (hits.ok()) {
-    CheckHits(*hits, *query, rays.rays.size / query->RayBytes());
+  const absl::StatusOr<BatchAnswer> answer = AnswerBatch(snapshot, *query, rays, kLimits, [] { return false; });
+  if (answer.ok()) {
+    CheckHits(answer->hits, *query, rays.rays.size / query->RayBytes());
   } else {
-    CheckRefusal(hits.status(), {absl::StatusCode::kInvalidArgument, absl::StatusCode::kResourceExhausted});
+    CheckRefusal(answer.status(), {absl::StatusCode::kInvalidArgument, absl::StatusCode::kResourceExhausted});
   }
 }
 
