@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "grpcpp/support/slice.h"
 #include "server/service/batch_answer.h"
+#include "server/service/batch_budget.h"
 #include "server/service/batch_query.h"
 #include "server/service/ray_message.h"
 #include "server/service/tracer.h"
@@ -22,6 +23,7 @@ struct RayBackend {
   MeshStore* store;
   Tracer* tracer;
   BatchLimits limits;
+  BatchBudget* budget;
 };
 
 // Calls `use` with the best tree of the mesh that there is, or as soon as there is one (with `wait_final`, the final

@@ -41,6 +41,7 @@ class GrpcServer final : public Server {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<MeshStore> store)
       : options_(options),
+        batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
         call_limits_(options.calls),
         calls_({&call_limits_}, options.idle_timeout),
         tracer_(options.threads),
@@ -49,7 +50,7 @@ class GrpcServer final : public Server {
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
                                  options.batch.max_message_bytes}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch}) {}
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, &batch_budget_}) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
@@ -92,7 +93,9 @@ class GrpcServer final : public Server {
     listener_->Start(std::move(acceptor));
     wake_call_.emplace(server_->InProcessChannel({}));
     ticker_.emplace(kTick, [this] {
-      calls_.Tick(std::chrono::steady_clock::now());
+      const auto now = std::chrono::steady_clock::now();
+      calls_.Tick(now);
+      batch_budget_.Tick(now);
       wake_call_->Make();
     });
     return absl::OkStatus();
@@ -122,6 +125,7 @@ class GrpcServer final : public Server {
   }
 
   const ServerOptions options_;
+  BatchBudget batch_budget_;
   CallLimits call_limits_;
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
