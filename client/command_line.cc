@@ -26,6 +26,7 @@ void AddCommands(CLI::App& app, CommandRun& run) {
   AddCastCommand(app, run);
   AddRenderCommand(app, run);
   AddChartCommand(app, run);
+  AddHealthCommand(app, run);
   app.require_subcommand(1);
   // --server and --timeout may also stand behind the command.
   for (CLI::App* command : app.get_subcommands({})) command->fallthrough();

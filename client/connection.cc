@@ -69,7 +69,8 @@ Connection::Connection(const Session& session, std::string token, std::shared_pt
     : session_(&session),
       token_(std::move(token)),
       meshes_(v1::MeshService::NewStub(channel)),
-      rays_(v1::RayService::NewStub(channel)) {}
+      rays_(v1::RayService::NewStub(channel)),
+      health_(grpc::health::v1::Health::NewStub(channel)) {}
 
 absl::StatusOr<Connection> Connection::Open(const Session& session) {
   absl::StatusOr<std::string> token = ReadToken(session.security, session.server);

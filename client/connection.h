@@ -13,6 +13,7 @@
 #include "client/session.h"
 #include "deltaray/v1/mesh_service.grpc.pb.h"
 #include "deltaray/v1/ray_service.grpc.pb.h"
+#include "grpc/health/v1/health.grpc.pb.h"
 #include "grpcpp/client_context.h"
 
 namespace deltaray {
@@ -25,6 +26,7 @@ class Connection {
 
   v1::MeshService::Stub& meshes() { return *meshes_; }
   v1::RayService::Stub& rays() { return *rays_; }
+  grpc::health::v1::Health::Stub& health() { return *health_; }
   StopSignal& stop() { return session_->stop; }
   const Session& session() const { return *session_; }
 
@@ -51,6 +53,7 @@ class Connection {
   std::string token_;
   std::unique_ptr<v1::MeshService::Stub> meshes_;
   std::unique_ptr<v1::RayService::Stub> rays_;
+  std::unique_ptr<grpc::health::v1::Health::Stub> health_;
 };
 
 }  // namespace deltaray

@@ -128,6 +128,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Limits", "max-triangles", server.store.mesh_limits.max_triangles, "Triangles of one mesh")
       ->check(CLI::Range(1.0, 2147483647.0));
 
+  AddFlag(app, "Limits", "batch-bytes", server.batch_bytes,
+          "Bytes of batches being answered and of replies not taken yet, over all clients; at least four messages")
+      ->transform(size)
+      ->check(CLI::Range(double{1 << 20}, 1e15));
   const CLI::Range count(1, 1 << 20);
   AddFlag(app, "Clients", "max-connections", server.max_connections,
           "Connections at once; fewer where the limit on open files is low")

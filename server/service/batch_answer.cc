@@ -161,6 +161,16 @@ bool IsSmall(const BatchQuery& query, size_t bytes) {
          bytes <= kSmallBatchRays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
 }
 
+uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits& limits) {
+  const uint64_t rays = std::min<uint64_t>(bytes / query.RayBytes(), limits.max_rays);
+  const uint64_t fixed = std::min(rays * BytesPerRay(query) + kOverheadBytes, limits.max_message_bytes);
+  if (query.kind != v1::QUERY_KIND_ALL_HITS) return fixed;
+  const uint64_t row = std::max(BytesPerHit(query), uint64_t{1});
+  const uint64_t hits = std::min(rays * query.options.max_hits_per_ray, (limits.max_message_bytes - fixed) / row);
+  // Rows, and the hits of all pieces before, in vectors that may have grown to twice their size; offsets and counts.
+  return fixed + hits * (row + 2 * sizeof(Hit)) + rays * 2 * sizeof(uint32_t);
+}
+
 absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
                                         const std::function<bool()>& cancelled) {

@@ -30,6 +30,9 @@ struct BatchAnswer {
 // must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
 bool IsSmall(const BatchQuery& query, size_t bytes);
 
+// The bytes that the answer to a batch in a message of `bytes` can take at most, on its way to the reply and as that.
+uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits& limits);
+
 // Answers a batch: decodes, traces and writes columns piece by piece, spread over the arena of the calling thread.
 //
 // INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the

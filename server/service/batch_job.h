@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "grpcpp/support/slice.h"
 #include "server/service/batch_answer.h"
+#include "server/service/batch_budget.h"
 #include "server/service/batch_query.h"
 #include "server/service/metrics.h"
 #include "server/service/ray_message.h"
@@ -23,6 +24,7 @@ struct RayBackend {
   MeshStore* store;
   Tracer* tracer;
   BatchLimits limits;
+  BatchBudget* budget;
   Metrics* metrics;
 };
 

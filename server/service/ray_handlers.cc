@@ -13,10 +13,63 @@
 namespace deltaray {
 namespace {
 
+// What CompareAccuracy keeps of each ray: errors of t, at three levels, in vectors that grow.
+constexpr uint64_t kComparisonBytesPerRay = 3 * 2 * 2 * sizeof(uint32_t);
 // A request of more bytes is parsed on a thread of the tracer.
 constexpr size_t kSmallRequestBytes = 20'000;
 
-void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
+// A call that takes memory of the budget until its client has taken the reply.
+class BatchCall final : public UnaryCall {
+ public:
+  BatchCall(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget)
+      : UnaryCall(calls, response), share_(budget) {}
+
+  static std::shared_ptr<BatchCall> Make(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget) {
+    auto call = std::make_shared<BatchCall>(calls, response, budget);
+    call->weak_self_ = call;
+    return call;
+  }
+
+  // Whether the call, of a message of `message_bytes`, may take `bytes` now. False: `answer` will run on the tracer
+  // once it may. RESOURCE_EXHAUSTED: too many wait already.
+  absl::StatusOr<bool> MayBegin(uint64_t message_bytes, uint64_t bytes, Tracer* tracer, std::function<void()> answer) {
+    message_bytes_ = message_bytes;
+    switch (share_.Begin(message_bytes, bytes, /*may_refuse=*/true,
+                         [tracer, answer = std::move(answer)] { tracer->Enqueue(answer); })) {
+      case BatchBudget::Answer::kNow:
+        return true;
+      case BatchBudget::Answer::kLater:
+        return false;
+      case BatchBudget::Answer::kNever:
+        break;
+    }
+    return absl::ResourceExhaustedError(
+        "the memory for batches is in use (--batch-bytes); retry later with back-off, or use StreamRays, which waits");
+  }
+
+  void ReplyWithShare(const absl::Status& status, grpc::ByteBuffer reply) {
+    // gRPC keeps the request of a unary call to its end.
+    share_.Reply(message_bytes_ + reply.Length(), [weak_self = weak_self_] {
+      if (const auto self = weak_self.lock()) self->OnReplyLost();
+    });
+    Reply(status, std::move(reply));
+  }
+
+ private:
+  void BeforeFinish() override { share_.Withdraw(); }
+
+  void OnReplyLost() {
+    MutexLock lock(mutex_);
+    CutOff(absl::ResourceExhaustedError(
+        "the reply was not taken while the memory for batches was short (--batch-bytes); retry later"));
+  }
+
+  BatchBudget::Share share_;
+  uint64_t message_bytes_ = 0;
+  std::weak_ptr<BatchCall> weak_self_;
+};
+
+void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
     if (!answer.ok()) return answer.status();
@@ -25,11 +78,12 @@ void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
     reply = SerializeMessage(response, v1::CastRaysResponse::kHitsFieldNumber, std::move(answer->hits));
     return absl::OkStatus();
   });
-  call.Reply(status, std::move(reply));
+  call.ReplyWithShare(status, std::move(reply));
 }
 
-absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call, grpc::ByteBuffer bytes,
+absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes,
                            std::shared_ptr<BatchMeter> meter, bool on_tracer) {
+  const uint64_t message_bytes = bytes.Length();
   v1::CastRaysRequest request;
   auto job = std::make_shared<BatchJob>();
   if (absl::Status status = ParseRayMessage(std::move(bytes), &request, &job->rays); !status.ok()) return status;
@@ -40,6 +94,10 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Unar
   job->meter = std::move(meter);
   job->cancelled = [call] { return call->cancelled(); };
   job->done = [call](absl::StatusOr<BatchJob::Answer> answer) { ReplyTo(*call, std::move(answer)); };
+  const absl::StatusOr<bool> now =
+      call->MayBegin(message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
+                     backend.tracer, [backend, job] { RunBatch(backend, job); });
+  if (!now.ok() || !*now) return now.status();
   if (on_tracer || IsSmall(*query, job->rays.rays.size)) {
     RunBatch(backend, std::move(job));
   } else {
@@ -50,7 +108,7 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Unar
 
 // The rest of a CompareAccuracy call, on a thread of the tracer.
 void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const ComparisonQuery& comparison,
-               const RayBatchBytes& rays, UnaryCall& call) {
+               const RayBatchBytes& rays, BatchCall& call) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
     absl::StatusOr<v1::CompareAccuracyResponse> response = CompareAccuracy(
@@ -61,24 +119,31 @@ void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const C
     reply = SerializeMessage(*response);
     return absl::OkStatus();
   });
-  call.Reply(status, std::move(reply));
+  call.ReplyWithShare(status, std::move(reply));
 }
 
-absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call,
+absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<BatchCall>& call,
                               grpc::ByteBuffer bytes) {
+  const uint64_t message_bytes = bytes.Length();
   v1::CompareAccuracyRequest request;
   const auto rays = std::make_shared<RayBatchBytes>();
   if (absl::Status status = ParseRayMessage(std::move(bytes), &request, rays.get()); !status.ok()) return status;
   const absl::StatusOr<ComparisonQuery> comparison = ReadComparison(request);
   if (!comparison.ok()) return comparison.status();
-  UseTree(backend, request.mesh(), comparison->query.wait_final,
-          [backend, call, rays, comparison = *comparison](absl::StatusOr<MeshStore::Answer> tree) {
-            if (tree.ok()) {
-              CompareOn(*tree, backend, comparison, *rays, *call);
-            } else {
-              call->Reply(tree.status(), {});
-            }
-          });
+  const auto compare = [backend, call, rays, mesh = request.mesh(), comparison = *comparison] {
+    UseTree(backend, mesh, comparison.query.wait_final,
+            [backend, call, rays, comparison](absl::StatusOr<MeshStore::Answer> tree) {
+              if (tree.ok()) {
+                CompareOn(*tree, backend, comparison, *rays, *call);
+              } else {
+                call->Reply(tree.status(), {});
+              }
+            });
+  };
+  const uint64_t errors_bytes = rays->rays.size / comparison->query.RayBytes() * kComparisonBytesPerRay;
+  const absl::StatusOr<bool> now = call->MayBegin(message_bytes, message_bytes + errors_bytes, backend.tracer, compare);
+  if (!now.ok()) return now.status();
+  if (*now) compare();
   return absl::OkStatus();
 }
 
@@ -86,8 +151,8 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<U
 
 grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
-  auto call = std::make_shared<UnaryCall>(calls_, response);
-  if (!UnaryCall::Admit(call, {"RayService/CastRays", context})) return call.get();
+  auto call = BatchCall::Make(calls_, response, backend_.budget);
+  if (!BatchCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
   auto answer = [backend = backend_, call, bytes = *request,
                  meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record()), on_tracer] {
@@ -109,8 +174,8 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* RayHandlers::Stream
 
 grpc::ServerUnaryReactor* RayHandlers::CompareAccuracy(grpc::CallbackServerContext* context,
                                                        const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
-  auto call = std::make_shared<UnaryCall>(calls_, response);
-  if (!UnaryCall::Admit(call, {"RayService/CompareAccuracy", context})) return call.get();
+  auto call = BatchCall::Make(calls_, response, backend_.budget);
+  if (!BatchCall::Admit(call, {"RayService/CompareAccuracy", context})) return call.get();
   backend_.tracer->Enqueue([backend = backend_, call, bytes = *request] {
     const absl::Status status = CatchExceptions([&] { return AnswerComparison(backend, call, bytes); });
     if (!status.ok()) call->Reply(status, {});

@@ -92,6 +92,7 @@ class GrpcServer final : public Server {
       : options_(options),
         security_(std::move(security)),
         metrics_(std::move(metrics)),
+        batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
         call_limits_(options.calls),
         calls_(Watchers(), options.idle_timeout),
         tracer_(options.threads),
@@ -100,7 +101,7 @@ class GrpcServer final : public Server {
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
                                  options.batch.max_message_bytes, metrics_.get()}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, metrics_.get()}),
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, &batch_budget_, metrics_.get()}),
         health_handlers_(&calls_, store_.get()) {}
 
   ~GrpcServer() override {
@@ -147,7 +148,9 @@ class GrpcServer final : public Server {
     listener_->Start(std::move(acceptor));
     wake_call_.emplace(server_->InProcessChannel({}));
     ticker_.emplace(kTick, [this] {
-      calls_.Tick(std::chrono::steady_clock::now());
+      const auto now = std::chrono::steady_clock::now();
+      calls_.Tick(now);
+      batch_budget_.Tick(now);
       wake_call_->Make();
     });
     watchdog_.emplace(
@@ -203,6 +206,7 @@ class GrpcServer final : public Server {
   const ServerOptions options_;
   const Security security_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
+  BatchBudget batch_budget_;
   CallLog call_log_;
   CallLimits call_limits_;
   Calls calls_;

@@ -30,6 +30,8 @@ struct ServerOptions {
   BatchLimits batch;
   // Bytes that messages may take in gRPC before they are handed on, over all connections; at least four messages.
   uint64_t network_bytes = uint64_t{1} << 30;
+  // Bytes that requests being answered and replies that are not taken yet may take; at least four messages.
+  uint64_t batch_bytes = uint64_t{1} << 30;
   CallLimits::Options calls;
   // Calls at once on one connection; gRPC clients let further ones wait.
   uint32_t max_connection_calls = 256;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include "server/service/message_bytes.h"
 #include "server/service/ray_message.h"
 
@@ -37,6 +38,7 @@ void StreamCall::OnReadDone(bool ok) {
     } else {
       reads_ended_ = true;
     }
+    incoming_share_ = nullptr;
     batches = Advance();
   }
   Work(batches);
@@ -58,11 +60,66 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   }
   auto batch = std::make_shared<Batch>();
   batch->number = batches_read_++;
+  batch->share = std::move(incoming_share_);
   batch->request = std::move(message);
   batch->meter = std::make_shared<BatchMeter>(backend_.metrics, &record());
   batch->done = !status.ok();
   batch->status = std::move(status);
+  if (!batch->done) {
+    const uint64_t bytes = batch->request.Length();
+    expected_bytes_ = bytes + MaxAnswerBytes(target_->query, bytes, backend_.limits);
+    batch->admitted = batch->share->Begin(bytes, expected_bytes_, /*may_refuse=*/false,
+                                          [weak_self = weak_self_, weak_batch = std::weak_ptr<Batch>(batch)] {
+                                            const auto self = weak_self.lock();
+                                            const auto batch = weak_batch.lock();
+                                            if (self != nullptr && batch != nullptr) self->OnRoomToAnswer(batch);
+                                          }) == BatchBudget::Answer::kNow;
+  }
   line_.push_back(std::move(batch));
+}
+
+void StreamCall::ReadOn() {
+  // The first message holds no rays.
+  if (target_ != nullptr) {
+    // What is in line calls for another look soon.
+    if ((!line_.empty() || writing_) && backend_.budget->IsTight()) return;
+    incoming_share_ = std::make_unique<BatchBudget::Share>(backend_.budget);
+    const uint64_t expected = expected_bytes_ == 0 ? backend_.budget->first_expectation() : expected_bytes_;
+    const bool room = incoming_share_->Expect(expected, [weak_self = weak_self_] {
+      if (const auto self = weak_self.lock()) self->OnRoomToRead();
+    });
+    if (!room) return;
+  }
+  reading_ = true;
+  StartRead(&incoming_);
+}
+
+void StreamCall::OnRoomToRead() {
+  MutexLock lock(mutex_);
+  if (finished_ || reading_ || incoming_share_ == nullptr) return;
+  if (draining_) {
+    incoming_share_ = nullptr;
+    return;
+  }
+  reading_ = true;
+  StartRead(&incoming_);
+}
+
+void StreamCall::OnRoomToAnswer(const BatchPointer& batch) {
+  std::vector<BatchPointer> batches;
+  {
+    MutexLock lock(mutex_);
+    batch->admitted = true;
+    batches = Advance();
+  }
+  Work(batches);
+}
+
+void StreamCall::OnReplyLost() {
+  MutexLock lock(mutex_);
+  CutOff(absl::ResourceExhaustedError(
+      absl::StrCat("replies were not taken for ", absl::FormatDuration(absl::FromChrono(BatchBudget::kStall)),
+                   " while the memory for batches was short (--batch-bytes); read replies while sending")));
 }
 
 absl::StatusOr<StreamCall::Target> StreamCall::ReadStart(grpc::ByteBuffer message) const {
@@ -82,6 +139,10 @@ void StreamCall::OnWriteDone(bool ok) {
     MutexLock lock(mutex_);
     writing_ = false;
     outgoing_.Clear();
+    outgoing_share_ = nullptr;
+    for (const BatchPointer& batch : line_) {
+      if (batch->done && batch->share != nullptr) batch->share->NoteProgress();
+    }
     if (ok) {
       ++batches_answered_;
       batches = Advance();
@@ -120,6 +181,7 @@ std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
       return batches;
     }
     outgoing_.Swap(&batch->reply);
+    outgoing_share_ = std::move(batch->share);
     writing_ = true;
     StartWrite(&outgoing_);
   }
@@ -137,14 +199,14 @@ std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
   }
 
   // Read on while there is room in line.
-  if (!reading_ && !reads_ended_ && !draining_ && line_.size() + (writing_ ? 1 : 0) < kReadAhead) {
-    reading_ = true;
-    StartRead(&incoming_);
+  if (!reading_ && incoming_share_ == nullptr && !reads_ended_ && !draining_ &&
+      line_.size() + (writing_ ? 1 : 0) < kReadAhead) {
+    ReadOn();
   }
 
   // Take the first in line in hand.
   for (size_t i = 0; i < std::min(line_.size(), kInHand); ++i) {
-    if (line_[i]->in_hand || line_[i]->done) continue;
+    if (!line_[i]->admitted || line_[i]->in_hand || line_[i]->done) continue;
     line_[i]->in_hand = true;
     batches.push_back(line_[i]);
   }
@@ -215,6 +277,9 @@ void StreamCall::Complete(const BatchPointer& batch, const absl::Status& status,
     batch->done = true;
     batch->status = status;
     batch->reply.Swap(&reply);
+    batch->share->Reply(batch->reply.Length(), [weak_self = weak_self_] {
+      if (const auto self = weak_self.lock()) self->OnReplyLost();
+    });
     batches = Advance();
   }
   Work(batches);

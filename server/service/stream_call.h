@@ -23,8 +23,9 @@ namespace deltaray {
 // batches are in line, and no more is read while they are: gRPC's flow control then stops the client, and the memory
 // of a stream is bounded by kReadAhead requests and replies. The first kInHand batches in line are worked on, so that
 // one is parsed or written while another is traced. Only the reply of the first batch in line is ever written, and
-// only while no other write is under way. A failure takes its place in line: replies to the batches before it are sent
-// first, and then the status.
+// only while no other write is under way. Each batch has a share of the BatchBudget, from before it is read until its
+// reply is taken; a second one is read ahead only while the budget is not tight. A failure takes its place in line:
+// replies to the batches before it are sent first, and then the status.
 class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>> {
  public:
   static constexpr size_t kReadAhead = 4;
@@ -40,8 +41,10 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   // A batch in line.
   struct Batch {
     uint64_t number = 0;
+    std::unique_ptr<BatchBudget::Share> share;
     grpc::ByteBuffer request;
     std::shared_ptr<BatchMeter> meter;  // until its job has it
+    bool admitted = false;              // there is memory to answer it
     bool in_hand = false;
     // Once done:
     bool done = false;
@@ -65,6 +68,13 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   absl::StatusOr<Target> ReadStart(grpc::ByteBuffer message) const;
   // Puts what was read in line.
   void TakeMessage(grpc::ByteBuffer message) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Reads the next message, once there is room for it.
+  void ReadOn() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The budget has room: for the next message; for the batch.
+  void OnRoomToRead() ABSL_LOCKS_EXCLUDED(mutex_);
+  void OnRoomToAnswer(const BatchPointer& batch) ABSL_LOCKS_EXCLUDED(mutex_);
+  // The memory of replies that the client does not take is needed.
+  void OnReplyLost() ABSL_LOCKS_EXCLUDED(mutex_);
   // Starts whatever can be started now: a write, a read, the end of the call. Returns the batches to work on, to be
   // given to Work without the lock.
   std::vector<BatchPointer> Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -77,8 +87,11 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   const RayBackend backend_;
   std::weak_ptr<StreamCall> weak_self_;
 
-  grpc::ByteBuffer incoming_;  // gRPC's while reading_
-  grpc::ByteBuffer outgoing_;  // gRPC's while writing_
+  grpc::ByteBuffer incoming_;                                                   // gRPC's while reading_
+  grpc::ByteBuffer outgoing_;                                                   // gRPC's while writing_
+  std::unique_ptr<BatchBudget::Share> incoming_share_ ABSL_GUARDED_BY(mutex_);  // of the message that is next
+  std::unique_ptr<BatchBudget::Share> outgoing_share_ ABSL_GUARDED_BY(mutex_);
+  uint64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // that a batch takes, by the last one; 0: none was read yet
   bool reading_ ABSL_GUARDED_BY(mutex_) = false;
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_ended_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more will be read
