@@ -6,9 +6,16 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/store/mesh_file.h"
+#include "server/store/record_file.h"
 #include "spdlog/spdlog.h"
 
 namespace deltaray {
+namespace {
+
+// A build may have failed for what passes: a disk that could not be read, memory that was short.
+constexpr std::chrono::seconds kTryAgain{1};
+
+}  // namespace
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue)
     : groups_(std::exchange(info.groups, {})),
@@ -55,6 +62,19 @@ void MeshEntry::Rebuild(const Config& config, std::shared_ptr<const TriangleMesh
   if (old) old->Cancel();
 }
 
+void MeshEntry::SetConfig(const Config& config) {
+  std::shared_ptr<BuildRun> old;
+  {
+    MutexLock lock(mutex_);
+    if (EncodeConfig(config) == EncodeConfig(config_)) return;
+    config_ = config;
+    if (!current_) return;
+    old = current_;
+    StartRun(config, nullptr);
+  }
+  old->Cancel();
+}
+
 void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback) {
   absl::StatusOr<MeshStore::Answer> answer;
   {
@@ -64,13 +84,13 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
       answer = closed_;
     } else if (run) {
       answer = AnswerFrom(*run);
-    } else if (current_ && !current_->status().ok()) {
+    } else if (current_ && !current_->status().ok() && !MayTryAgain()) {
       answer = BuildFailure(current_->status());
     } else if (!no_waiting_.ok()) {
       answer = no_waiting_;
     } else {
       waiters_.push_back({final, std::move(callback)});
-      if (!current_) StartRun(config_, nullptr);
+      if (!current_ || !current_->status().ok()) StartRun(config_, nullptr);
       return;
     }
   }
@@ -92,6 +112,8 @@ BuildReport MeshEntry::Watch() {
   if (!current_) StartRun(config_, nullptr);
   return current_ ? CurrentReport() : BuildReport();
 }
+
+bool MeshEntry::MayTryAgain() const { return std::chrono::steady_clock::now() - failed_at_ >= kTryAgain; }
 
 BuildReport MeshEntry::CurrentReport() const {
   BuildReport report = current_->Report();
@@ -190,6 +212,7 @@ void MeshEntry::End(const std::shared_ptr<BuildRun>& run, const absl::Status& st
     MutexLock lock(mutex_);
     // Those who wait for a run that was cancelled by Rebuild wait for the one that came after it.
     if (run != current_ || !closed_.ok()) return;
+    if (!status.ok()) failed_at_ = std::chrono::steady_clock::now();
     if (status.ok()) {
       old = std::exchange(finished_, run);
     } else if (finished_) {
@@ -211,7 +234,11 @@ MeshStore::Answer MeshEntry::AnswerFrom(const BuildRun& run) const {
 }
 
 absl::Status MeshEntry::BuildFailure(const absl::Status& status) const {
-  return absl::FailedPreconditionError(absl::StrCat("the build of mesh ", id(), " failed: ", status.message()));
+  // Another server has deleted it, which the store is about to notice.
+  if (absl::IsNotFound(status)) return absl::NotFoundError(absl::StrCat("mesh ", id(), " was deleted"));
+  const std::string text = absl::StrCat("the build of mesh ", id(), " failed: ", status.message());
+  if (absl::IsDataLoss(status)) return absl::DataLossError(text);
+  return absl::FailedPreconditionError(text);
 }
 
 }  // namespace deltaray

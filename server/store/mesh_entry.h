@@ -3,6 +3,7 @@
 #ifndef SERVER_STORE_MESH_ENTRY_H_
 #define SERVER_STORE_MESH_ENTRY_H_
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <string>
@@ -41,7 +42,10 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   void Start(std::shared_ptr<const TriangleMesh> mesh);
   // Cancels the build under way and starts another one. `mesh` as above.
   void Rebuild(const Config& config, std::shared_ptr<const TriangleMesh> mesh);
-  // MeshStore::WithTree.
+  // Takes over the config that another server gave the mesh: where it differs, a tree or build of the old one is
+  // replaced by a build of the new one.
+  void SetConfig(const Config& config);
+  // MeshStore::WithTree. A failed build is tried again by whoever comes a second later or more.
   void WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback);
   // MeshStore::StopWaiting.
   void StopWaiting(const absl::Status& status);
@@ -61,6 +65,7 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
 
   // REQUIRES: current_ is set.
   BuildReport CurrentReport() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool MayTryAgain() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void StartRun(const Config& config, std::shared_ptr<const TriangleMesh> mesh) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // On a thread of the queue, from begin to end of a build.
   void DoRun(const std::shared_ptr<BuildRun>& run);
@@ -88,6 +93,7 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   std::shared_ptr<BuildRun> current_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<BuildRun> answering_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<BuildRun> finished_ ABSL_GUARDED_BY(mutex_);
+  std::chrono::steady_clock::time_point failed_at_ ABSL_GUARDED_BY(mutex_);  // when current_ failed, where it has
   std::vector<Waiter> waiters_ ABSL_GUARDED_BY(mutex_);
   absl::Status no_waiting_ ABSL_GUARDED_BY(mutex_);  // what those who would have to wait get, where not OK
 };

@@ -84,9 +84,12 @@ class Upload {
   virtual absl::StatusOr<Committed> Commit(CommitOptions options) = 0;
 };
 
-// The meshes of a data directory. All methods are thread-safe; those that touch the disk block, none waits for a build.
+// The meshes of a data directory, which any number of stores may share, in one process or on many machines. All methods
+// are thread-safe; those that touch the disk block, none waits for a build.
 //
-// `mesh` is an id or a name; NOT_FOUND where there is no such mesh.
+// `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
+// damaged or can not be read. A mesh or name that is not known is looked for on disk at once; that a known one was
+// moved or deleted by another server is noticed within a few Options::follow_interval.
 class MeshStore {
  public:
   struct Options {
@@ -94,7 +97,9 @@ class MeshStore {
     uint64_t max_upload_bytes = uint64_t{4} << 30;
     MeshLimits mesh_limits;
     uint32_t concurrent_builds = 1;
-    uint32_t build_threads = 0;           // 0: all cores
+    uint32_t build_threads = 0;  // 0: all cores
+    // How long it takes to notice what other servers change in the directory.
+    std::chrono::milliseconds follow_interval{250};
     std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
   };
 
