@@ -76,6 +76,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(threads);
   AddFlag(app, "Threads", "concurrent-builds", server.store.concurrent_builds, "Meshes built at the same time")
       ->check(CLI::Range(1, 1024));
+  AddFlag(app, "Threads", "max-queued-builds", server.store.max_queued_builds, "Builds that wait for their turn")
+      ->check(CLI::Range(1, 1 << 20));
 
   AddFlag(app, "Limits", "max-batch-rays", server.batch.max_rays, "Rays of one batch")->check(CLI::Range(1, 1 << 30));
   AddFlag(app, "Limits", "max-message-bytes", server.batch.max_message_bytes, "Bytes of one message, either way")
@@ -93,6 +95,23 @@ void AddFlags(CLI::App& app, Flags& flags) {
 
   AddFlag(app, "Log", "log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
+}
+
+// Limits of the store as a whole.
+void AddStoreLimits(CLI::App& app, MeshStore::Options& store) {
+  const auto size = CLI::AsSizeValue(false);
+  AddFlag(app, "Limits", "tree-bytes", store.tree_bytes,
+          "Bytes of memory of meshes and trees, those being built or uploaded included. Trees that were not used for "
+          "longest make room, and are built again when asked for")
+      ->transform(size)
+      ->check(CLI::Range(double{1 << 20}, 1e15));
+  AddFlag(app, "Limits", "max-stored-bytes", store.max_stored_bytes, "Bytes of all meshes and uploads on disk")
+      ->transform(size)
+      ->check(CLI::Range(1.0, 1e18));
+  AddFlag(app, "Limits", "max-meshes", store.max_meshes, "Meshes")->check(CLI::Range(1.0, 1e9));
+  AddFlag(app, "Limits", "max-names", store.max_names, "Names of all meshes")->check(CLI::Range(1.0, 1e9));
+  AddFlag(app, "Limits", "max-names-per-mesh", store.max_names_per_mesh, "Names of one mesh")
+      ->check(CLI::Range(1.0, 1e6));
 }
 
 // One file descriptor a connection: take as many as the system lets us.
@@ -138,11 +157,11 @@ int Run(const Flags& flags) {
   }
   spdlog::info(
       "deltarayd {} listens at {}, port {}: data directory {}, {} tracing threads, {} threads a build, {} builds at "
-      "once, at most {} rays a batch, {} bytes a message, {} bytes an upload, {} triangles a mesh",
+      "once, at most {} rays a batch, {} bytes a message, {} bytes an upload, {} triangles a mesh, {} bytes of trees",
       DELTARAY_VERSION, options.listen, (*server)->port(), options.store.data_directory, (*server)->threads(),
       options.store.build_threads == 0 ? std::string("all") : absl::StrCat(options.store.build_threads),
       options.store.concurrent_builds, options.batch.max_rays, options.batch.max_message_bytes,
-      options.store.max_upload_bytes, options.store.mesh_limits.max_triangles);
+      options.store.max_upload_bytes, options.store.mesh_limits.max_triangles, options.store.tree_bytes);
 
   int received = 0;
   sigwait(&signals, &received);
@@ -161,6 +180,7 @@ int Main(int argc, char** argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", std::string("deltarayd ") + DELTARAY_VERSION);
   AddFlags(app, flags);
+  AddStoreLimits(app, flags.server.store);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "server/build/build.h"
 #include "server/build/mutex.h"
 
@@ -19,8 +20,8 @@ namespace deltaray {
 // asks for a build never waits for it or for the disk. Thread-safe.
 class BuildQueue {
  public:
-  // `concurrent_builds`: at least 1. `options`: those of each build, but for its config.
-  BuildQueue(uint32_t concurrent_builds, Build::Options options);
+  // `concurrent_builds`: at least 1. `max_queued`: jobs that wait. `options`: those of each build, but for its config.
+  BuildQueue(uint32_t concurrent_builds, uint32_t max_queued, Build::Options options);
   // As Stop.
   ~BuildQueue();
 
@@ -28,20 +29,34 @@ class BuildQueue {
   uint64_t NextNumber() { return ++last_number_; }
   const Build::Options& options() const { return options_; }
 
-  // A job that comes after Stop is dropped.
-  void Push(std::function<void()> job);
+  // RESOURCE_EXHAUSTED where too many jobs wait. The job `replaced`, where it has not begun, is dropped for this one. A
+  // job that comes after Stop is dropped.
+  absl::Status Push(uint64_t number, std::function<void()> job, uint64_t replaced);
+  // Whether Push has room.
+  absl::Status CheckRoom();
+  // Drops a job that has not begun.
+  void Remove(uint64_t number);
   // Drops the jobs that have not begun and waits for the others.
   void Stop();
 
  private:
+  struct Job {
+    uint64_t number;
+    std::function<void()> run;
+  };
+
   void Work();
+  // Takes a job out that has not begun.
+  bool Take(uint64_t number, Job* taken) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status HasRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Build::Options options_;
+  const uint32_t max_queued_;
   std::atomic<uint64_t> last_number_{0};
   Mutex mutex_;
   Condition changed_;
   bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  std::deque<std::function<void()>> jobs_ ABSL_GUARDED_BY(mutex_);
+  std::deque<Job> jobs_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::thread> threads_;
 };
 

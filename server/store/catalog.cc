@@ -47,10 +47,22 @@ std::set<std::string> Catalog::NamesOf(absl::string_view id) const {
   return names == names_of_.end() ? std::set<std::string>() : names->second;
 }
 
+bool Catalog::HasName(absl::string_view name) const {
+  MutexLock lock(mutex_);
+  return names_.find(name) != names_.end();
+}
+
+Catalog::Totals Catalog::totals() const {
+  MutexLock lock(mutex_);
+  return {meshes_.size(), names_.size(), stored_bytes_};
+}
+
 void Catalog::Put(std::shared_ptr<MeshEntry> entry) {
   MutexLock lock(mutex_);
   if (!no_waiting_.ok()) entry->StopWaiting(no_waiting_);
+  stored_bytes_ += entry->stored_bytes();
   meshes_[entry->id()].swap(entry);  // what was there is destroyed after the lock
+  if (entry) stored_bytes_ -= entry->stored_bytes();
 }
 
 std::shared_ptr<MeshEntry> Catalog::Remove(absl::string_view id) {
@@ -59,6 +71,7 @@ std::shared_ptr<MeshEntry> Catalog::Remove(absl::string_view id) {
   if (stored == meshes_.end()) return nullptr;
   std::shared_ptr<MeshEntry> entry = std::move(stored->second);
   meshes_.erase(stored);
+  stored_bytes_ -= entry->stored_bytes();
   return entry;
 }
 

@@ -31,6 +31,13 @@ class Catalog {
   // Those that point at a mesh, which need not be known.
   std::set<std::string> NamesOf(absl::string_view id) const;
 
+  // Whether a name points at a mesh, known or not.
+  bool HasName(absl::string_view name) const;
+  struct Totals {
+    uint64_t meshes = 0, names = 0, stored_bytes = 0;
+  };
+  Totals totals() const;
+
   // Adds a mesh, or takes it in place of the one that had the id.
   void Put(std::shared_ptr<MeshEntry> entry);
   // Returns what was there; names stay. Null: nothing.
@@ -46,6 +53,7 @@ class Catalog {
   std::map<std::string, std::shared_ptr<MeshEntry>, std::less<>> meshes_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::string, std::less<>> names_ ABSL_GUARDED_BY(mutex_);               // to ids
   std::map<std::string, std::set<std::string>, std::less<>> names_of_ ABSL_GUARDED_BY(mutex_);  // by id; none is empty
+  uint64_t stored_bytes_ ABSL_GUARDED_BY(mutex_) = 0;                                           // of all meshes
   absl::Status no_waiting_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -12,11 +13,13 @@
 #include "server/store/build_run.h"
 #include "server/store/catalog.h"
 #include "server/store/data_directory.h"
+#include "server/store/disk_budget.h"
 #include "server/store/durable_file.h"
 #include "server/store/mesh_entry.h"
 #include "server/store/mesh_name.h"
 #include "server/store/new_mesh.h"
 #include "server/store/record_file.h"
+#include "server/store/tree_budget.h"
 #include "server/store/upload_file.h"
 #include "spdlog/spdlog.h"
 
@@ -62,6 +65,7 @@ class Store final : public MeshStore {
   absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const override;
 
   const Options& options() const { return options_; }
+  std::shared_ptr<TreeBudget::Reservation> NewReservation() { return tree_budget_->Empty(); }
   // Stores an upload's mesh, or finds that it is there already.
   absl::StatusOr<Upload::Committed> Put(const NewMesh& upload);
 
@@ -91,12 +95,21 @@ class Store final : public MeshStore {
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
 
+  // Whether an upload may add what it adds.
+  absl::Status CheckLimits(const NewMesh& upload, bool is_new) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(disk_mutex_);
+  absl::Status CheckNameLimits(const std::string& name, const std::string& id) const;
+  EntryPointer MakeEntry(MeshInfo info) const;
+  // Drops the tree that nobody has asked for for longest. False: there is none that can be dropped.
+  bool DropATree() const;
+
   // Notices what other servers change, until the end.
   void Follow();
 
   const Options options_;
   mutable BuildQueue queue_;  // outlives the entries
+  const std::shared_ptr<TreeBudget> tree_budget_;
   mutable Catalog catalog_;
+  DiskBudget disk_budget_;
 
   // Held by whoever changes the directory, for as long as it waits for the other servers and acts.
   Mutex change_mutex_ ABSL_ACQUIRED_BEFORE(disk_mutex_);
@@ -119,7 +132,8 @@ class StoreUpload final : public Upload {
 
   absl::StatusOr<Committed> Commit(CommitOptions options) override {
     // The upload's bytes are gone before the mesh is written, which may need their room.
-    const absl::StatusOr<NewMesh> mesh = ReadNewMesh(std::move(file_), options, store_->options().mesh_limits);
+    const absl::StatusOr<NewMesh> mesh =
+        ReadNewMesh(std::move(file_), options, store_->options().mesh_limits, store_->NewReservation());
     if (!mesh.ok()) return mesh.status();
     return store_->Put(*mesh);
   }
@@ -131,8 +145,10 @@ class StoreUpload final : public Upload {
 
 Store::Store(Options options, DataDirectory directory, DataDirectory::Changes contents)
     : options_(std::move(options)),
-      queue_(options_.concurrent_builds,
+      queue_(options_.concurrent_builds, options_.max_queued_builds,
              {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf}),
+      tree_budget_(std::make_shared<TreeBudget>(options_.tree_bytes, [this] { return DropATree(); })),
+      disk_budget_(options_.max_stored_bytes, [this] { return catalog_.totals().stored_bytes; }),
       directory_(std::move(directory)) {
   {
     Dropped none;
@@ -156,14 +172,15 @@ Store::~Store() {
 }
 
 absl::StatusOr<std::unique_ptr<Upload>> Store::StartUpload() {
-  absl::StatusOr<UploadFile> file = UploadFile::Create(directory_.TemporariesPath(), options_.max_upload_bytes);
+  absl::StatusOr<UploadFile> file =
+      UploadFile::Create(directory_.TemporariesPath(), options_.max_upload_bytes, &disk_budget_);
   if (!file.ok()) return file.status();
   return std::make_unique<StoreUpload>(this, *std::move(file));
 }
 
 absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
   const std::string& id = upload.info.id;
-  PreparedFiles files;
+  PreparedFiles files(&disk_budget_);
   if (absl::Status status = files.PrepareLabels(upload, directory_); !status.ok()) return status;
   for (;;) {
     // Write a mesh that is new without the lock: it may be large.
@@ -184,6 +201,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     if (same_config) files.config.reset();
     Upload::Committed committed;
     committed.created = !catalog_.Find(id).ok();
+    if (absl::Status status = CheckLimits(upload, committed.created); !status.ok()) return status;
     if (absl::Status status = MoveFiles(upload, files); !status.ok()) {
       if (committed.created) RemoveMeshFiles(id).IgnoreError();
       return status;
@@ -194,21 +212,63 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
       MeshInfo info = upload.info;
       const absl::StatusOr<Config> kept = directory_.ReadConfig(id);
       info.config = upload.config ? *upload.config : kept.ok() ? *kept : Config();
-      entry = std::make_shared<MeshEntry>(std::move(info), directory_.MeshPath(id), &queue_);
+      entry = MakeEntry(std::move(info));
       directory_.TellOfMesh(id);
       catalog_.Put(entry);
     }
     if (!upload.name.empty()) MoveName(upload.name, id);
     spdlog::info("{} mesh {}: {} triangles{}{}", committed.created ? "stored" : "found again", id,
                  upload.info.triangle_count, upload.name.empty() ? "" : ", named ", upload.name);
+    // Where the queue is full, the mesh is stored all the same, and built when it is asked for.
     if (is_new || same_config) {
-      entry->Start(upload.mesh);
+      entry->Start(upload.loaded);
     } else {
-      entry->Rebuild(*upload.config, upload.mesh);
+      entry->Rebuild(*upload.config, upload.loaded).IgnoreError();
     }
     committed.info = InfoWithGroups(*entry);
     return committed;
   }
+}
+
+absl::Status Store::CheckLimits(const NewMesh& upload, bool is_new) const {
+  if (is_new && catalog_.totals().meshes >= options_.max_meshes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the limit of ", options_.max_meshes, " meshes is met (max_meshes)"));
+  }
+  if (upload.name.empty()) return absl::OkStatus();
+  ReadName(upload.name).IgnoreError();
+  return CheckNameLimits(upload.name, upload.info.id);
+}
+
+absl::Status Store::CheckNameLimits(const std::string& name, const std::string& id) const {
+  const std::set<std::string> names = catalog_.NamesOf(id);
+  if (names.count(name) != 0) return absl::OkStatus();
+  if (names.size() >= options_.max_names_per_mesh) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the limit of ", options_.max_names_per_mesh, " names of one mesh is met (max_names_per_mesh)"));
+  }
+  if (catalog_.totals().names >= options_.max_names && !catalog_.HasName(name)) {
+    return absl::ResourceExhaustedError(absl::StrCat("the limit of ", options_.max_names, " names is met (max_names)"));
+  }
+  return absl::OkStatus();
+}
+
+EntryPointer Store::MakeEntry(MeshInfo info) const {
+  std::string path = directory_.MeshPath(info.id);
+  return std::make_shared<MeshEntry>(std::move(info), std::move(path), &queue_, tree_budget_.get());
+}
+
+bool Store::DropATree() const {
+  std::vector<EntryPointer> entries = catalog_.List("", SIZE_MAX);
+  std::vector<std::pair<std::chrono::steady_clock::time_point, MeshEntry*>> by_use;
+  for (const EntryPointer& entry : entries) by_use.emplace_back(entry->last_used(), entry.get());
+  std::sort(by_use.begin(), by_use.end());
+  for (const auto& [used, entry] : by_use) {
+    if (!entry->Drop()) continue;
+    spdlog::info("dropped the tree of mesh {} to make room", entry->id());
+    return true;
+  }
+  return false;
 }
 
 absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files) {
@@ -258,6 +318,7 @@ absl::StatusOr<std::string> Store::Name(absl::string_view name, absl::string_vie
     if (!target.ok()) return target.status();
     id = (*target)->id();
     if (pointed.ok() && *pointed == id) return id;
+    if (absl::Status status = CheckNameLimits(label, id); !status.ok()) return status;
     absl::StatusOr<TemporaryFile> file = directory_.Prepare(EncodeName({label, id}));
     if (!file.ok()) return file.status();
     if (absl::Status status = file->MoveTo(path); !status.ok()) return status;
@@ -311,10 +372,11 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
   MutexLock disk_lock(disk_mutex_);
   const absl::StatusOr<EntryPointer> entry = ReadTarget(mesh, &dropped);
   if (!entry.ok()) return entry.status();
+  if (absl::Status status = queue_.CheckRoom(); !status.ok()) return status;
   absl::StatusOr<TemporaryFile> file = directory_.Prepare(EncodeConfig(config));
   if (!file.ok()) return file.status();
   if (absl::Status status = file->MoveTo(directory_.ConfigPath((*entry)->id())); !status.ok()) return status;
-  (*entry)->Rebuild(config, nullptr);
+  if (absl::Status status = (*entry)->Rebuild(config, {}); !status.ok()) return status;
   return InfoWithGroups(**entry);
 }
 
@@ -385,8 +447,7 @@ EntryPointer Store::TakeMesh(MeshInfo info) const {
     (*known)->SetConfig(info.config);
     return *known;
   }
-  const std::string path = directory_.MeshPath(info.id);
-  auto entry = std::make_shared<MeshEntry>(std::move(info), path, &queue_);
+  EntryPointer entry = MakeEntry(std::move(info));
   catalog_.Put(entry);
   return entry;
 }
