@@ -1,5 +1,6 @@
 // deltarayd: the server.
 
+#include <malloc.h>
 #include <signal.h>
 #include <sys/resource.h>
 
@@ -122,6 +123,10 @@ void RaiseFileLimit() {
   if (setrlimit(RLIMIT_NOFILE, &limit) != 0) spdlog::warn("can not raise the limit on open files");
 }
 
+// By itself malloc takes ever larger arrays from its heaps, once some were freed, and keeps what they took: a mesh that
+// made room for another would still take its memory.
+void ReturnFreedArrays() { mallopt(M_MMAP_THRESHOLD, 1 << 20); }
+
 // Written beside and renamed, so that whoever waits for the file never sees half a number.
 bool WritePortFile(const std::string& path, int port) {
   const std::string temporary = path + ".tmp";
@@ -144,6 +149,7 @@ int Run(const Flags& flags) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   RaiseFileLimit();
+  ReturnFreedArrays();
 
   const ServerOptions& options = flags.server;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
