@@ -213,6 +213,8 @@ void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
     spdlog::info("build {} of mesh {} ended after {:.3f} s", run->number(), id(), seconds);
   } else if (absl::IsCancelled(status)) {
     spdlog::info("build {} of mesh {} was cancelled after {:.3f} s", run->number(), id(), seconds);
+  } else if (absl::IsNotFound(status)) {
+    spdlog::info("build {} of mesh {} ended: it was deleted", run->number(), id());
   } else {
     spdlog::error("build {} of mesh {} failed: {}", run->number(), id(), status.ToString());
   }
