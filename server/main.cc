@@ -1,5 +1,6 @@
 // deltarayd: the server.
 
+#include <malloc.h>
 #include <signal.h>
 #include <sys/resource.h>
 
@@ -113,6 +114,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(threads);
   AddFlag(app, "Threads", "concurrent-builds", server.store.concurrent_builds, "Meshes built at the same time")
       ->check(CLI::Range(1, 1024));
+  AddFlag(app, "Threads", "max-queued-builds", server.store.max_queued_builds, "Builds that wait for their turn")
+      ->check(CLI::Range(1, 1 << 20));
 
   AddFlag(app, "Limits", "max-batch-rays", server.batch.max_rays, "Rays of one batch")->check(CLI::Range(1, 1 << 30));
   AddFlag(app, "Limits", "max-message-bytes", server.batch.max_message_bytes, "Bytes of one message, either way")
@@ -154,6 +157,23 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::IsMember({"text", "json"}));
 }
 
+// Limits of the store as a whole.
+void AddStoreLimits(CLI::App& app, MeshStore::Options& store) {
+  const auto size = CLI::AsSizeValue(false);
+  AddFlag(app, "Limits", "tree-bytes", store.tree_bytes,
+          "Bytes of memory of meshes and trees, those being built or uploaded included. Trees that were not used for "
+          "longest make room, and are built again when asked for")
+      ->transform(size)
+      ->check(CLI::Range(double{1 << 20}, 1e15));
+  AddFlag(app, "Limits", "max-stored-bytes", store.max_stored_bytes, "Bytes of all meshes and uploads on disk")
+      ->transform(size)
+      ->check(CLI::Range(1.0, 1e18));
+  AddFlag(app, "Limits", "max-meshes", store.max_meshes, "Meshes")->check(CLI::Range(1.0, 1e9));
+  AddFlag(app, "Limits", "max-names", store.max_names, "Names of all meshes")->check(CLI::Range(1.0, 1e9));
+  AddFlag(app, "Limits", "max-names-per-mesh", store.max_names_per_mesh, "Names of one mesh")
+      ->check(CLI::Range(1.0, 1e6));
+}
+
 // One file descriptor a connection: take as many as the system lets us.
 void RaiseFileLimit() {
   rlimit limit;
@@ -161,6 +181,10 @@ void RaiseFileLimit() {
   limit.rlim_cur = limit.rlim_max;
   if (setrlimit(RLIMIT_NOFILE, &limit) != 0) spdlog::warn("can not raise the limit on open files");
 }
+
+// By itself malloc takes ever larger arrays from its heaps, once some were freed, and keeps what they took: a mesh that
+// made room for another would still take its memory.
+void ReturnFreedArrays() { mallopt(M_MMAP_THRESHOLD, 1 << 20); }
 
 // Written beside and renamed, so that whoever waits for the file never sees half a number.
 bool WritePortFile(const std::string& path, int port) {
@@ -198,6 +222,7 @@ int Run(const Flags& flags) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   RaiseFileLimit();
+  ReturnFreedArrays();
 
   const ServerOptions& options = flags.server;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
@@ -233,6 +258,7 @@ int Main(int argc, char** argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", std::string("deltarayd ") + DELTARAY_VERSION);
   AddFlags(app, flags);
+  AddStoreLimits(app, flags.server.store);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

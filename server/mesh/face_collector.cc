@@ -28,6 +28,7 @@ absl::Status FaceCollector::AddVertex(const Vec3d& position, Location where) {
                        " is not a number in the range of float32");
     }
   }
+  if (absl::Status status = TakeMemory(0); !status.ok()) return status;
   mesh_.vertices.push_back(position);
   return Poll();
 }
@@ -42,6 +43,7 @@ absl::Status FaceCollector::AddFace(std::span<const uint32_t> corners, Location 
   if (triangle_count_ > std::min(limits().max_triangles, kMaxCount)) {
     return OverLimit(where, absl::StrCat("triangle ", triangle_count_ - 1), "max_triangles", limits().max_triangles);
   }
+  if (absl::Status status = TakeMemory(corners.size()); !status.ok()) return status;
   for (const uint32_t corner : corners) {
     if (corner < vertex_count() || corner < vertices_needed_) continue;
     vertices_needed_ = uint64_t{corner} + 1;
@@ -98,6 +100,19 @@ absl::Status FaceCollector::Poll() {
     return absl::CancelledError("reading the mesh was cancelled");
   }
   return absl::OkStatus();
+}
+
+absl::Status FaceCollector::TakeMemory(uint64_t corners) {
+  // An array that grows is there twice, the new one with twice the room. A merger has an index for each vertex. The
+  // triangles of the finished mesh stand beside the faces that they are made of.
+  constexpr uint64_t kGrowing = 3, kMerged = 17, kTriangle = 12, kStep = uint64_t{1} << 20;
+  const uint64_t arrays = sizeof(Vec3d) * (mesh_.vertices.size() + 1) +
+                          4 * (mesh_.corners.size() + corners + mesh_.face_sizes.size() + mesh_.face_groups.size());
+  const uint64_t needed =
+      kGrowing * (arrays + group_bytes_) + kMerged * mesh_.vertices.size() + kTriangle * triangle_count_;
+  if (needed <= memory_taken_ || !options_.take_memory) return absl::OkStatus();
+  memory_taken_ = needed + needed / 4 + kStep;
+  return options_.take_memory(memory_taken_);
 }
 
 void FaceCollector::Reserve(uint64_t vertices, uint64_t faces) {

@@ -52,6 +52,8 @@ class FaceCollector {
   absl::StatusOr<ReadMeshResult> Finish();
 
  private:
+  // Asks for the memory that what is there and `corners` more may take, at once and until the mesh is finished.
+  absl::Status TakeMemory(uint64_t corners);
   // Sets current_group_ to the group of group_name_, which is added to the list where it is new.
   absl::Status EnterGroup(Location where);
 
@@ -61,6 +63,7 @@ class FaceCollector {
   Warnings warnings_;
   uint64_t triangle_count_ = 0;
   uint64_t polls_ = 0;
+  uint64_t memory_taken_ = 0;  // bytes that options_.take_memory was asked for
 
   std::string group_name_;
   bool group_entered_ = true;  // whether current_group_ is the group of group_name_

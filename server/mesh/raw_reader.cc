@@ -77,6 +77,11 @@ absl::StatusOr<ReadMeshResult> ReadRaw(std::span<const char> bytes, const ReadMe
   const std::span<const char> indices = bytes.subspan(position_bytes);
   if (absl::Status status = CheckIndices(indices, position_bytes, raw.vertex_count); !status.ok()) return status;
 
+  if (options.take_memory) {
+    // The arrays of the file, and where they are float64 those of the mesh beside them.
+    const uint64_t memory = bytes.size() + (raw.float64 ? 12 * (raw.vertex_count + raw.triangle_count) : 0);
+    if (absl::Status status = options.take_memory(memory); !status.ok()) return status;
+  }
   absl::StatusOr<ReadMeshResult> result;
   if (raw.float64) {
     PolygonMesh mesh;

@@ -38,6 +38,9 @@ struct ReadMeshOptions {
   MeshLimits limits;
   // Asked now and then; reading ends with CANCELLED once it returns true.
   std::function<bool()> cancelled;
+  // Asked before reading takes up to so many bytes of memory in all, the finished mesh included; each time for more.
+  // Reading ends with its error. May be empty.
+  std::function<absl::Status(uint64_t bytes)> take_memory;
 };
 
 struct ReadMeshResult {

@@ -35,8 +35,8 @@ Health::Status Health::Of(absl::string_view service) const {
   bool serves = true;
   if (absl::string_view mesh = service; absl::ConsumePrefix(&mesh, kMeshPrefix)) {
     const absl::StatusOr<BuildReport> report = store_->Watch(mesh);
-    if (!report.ok()) return HealthCheckResponse::SERVICE_UNKNOWN;
-    serves = report->answers;
+    if (absl::IsNotFound(report.status())) return HealthCheckResponse::SERVICE_UNKNOWN;
+    serves = report.ok() && report->answers;
   } else if (!service.empty() && service != v1::MeshService::service_full_name() &&
              service != v1::RayService::service_full_name()) {
     return HealthCheckResponse::SERVICE_UNKNOWN;

@@ -8,6 +8,8 @@
 namespace deltaray {
 namespace {
 constexpr std::chrono::milliseconds kInterval{250};
+// What is not known may be looked for on the disk.
+constexpr std::chrono::milliseconds kUnknownInterval{1000};
 }  // namespace
 
 HealthWatch::HealthWatch(Calls* calls, const Health* health, std::string service, std::atomic<size_t>* watches)
@@ -35,13 +37,15 @@ void HealthWatch::Look() {
   Tell();
   if (finished_) return;
   // As in WatchCall: an alarm can not be set anew from within its own callback.
+  const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;
   alarm_ = std::make_unique<grpc::Alarm>();
-  alarm_->Set(std::chrono::system_clock::now() + kInterval, [weak_self = weak_self_](bool) {
-    const std::shared_ptr<HealthWatch> self = weak_self.lock();
-    if (self == nullptr) return;
-    MutexLock lock(self->mutex_);
-    self->Look();
-  });
+  alarm_->Set(std::chrono::system_clock::now() + (unknown ? kUnknownInterval : kInterval),
+              [weak_self = weak_self_](bool) {
+                const std::shared_ptr<HealthWatch> self = weak_self.lock();
+                if (self == nullptr) return;
+                MutexLock lock(self->mutex_);
+                self->Look();
+              });
 }
 
 void HealthWatch::Tell() {

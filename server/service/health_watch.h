@@ -15,7 +15,8 @@
 
 namespace deltaray {
 
-// Tells the health of one service at once and whenever it has changed; looks at it every quarter of a second.
+// Tells the health of one service at once and whenever it has changed; looks at it every quarter of a second, at one
+// that is not known every second.
 class HealthWatch final : public CallReactor<grpc::ServerWriteReactor<grpc::ByteBuffer>> {
  public:
   // Takes over a call: the reactor to give to gRPC. Where `status` is not OK, the call ends with it. The call counts in

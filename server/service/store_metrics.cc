@@ -23,6 +23,9 @@ std::vector<prometheus::MetricFamily> StoreMetrics::Collect() const {
           GaugeFamily(
               "deltaray_memory_bytes", "Bytes in memory of geometry, and of trees that are built.", "what",
               {{"meshes", static_cast<double>(usage.mesh_bytes)}, {"trees", static_cast<double>(usage.tree_bytes)}}),
+          GaugeFamily("deltaray_budget_bytes", "What counts towards --tree-bytes, builds and uploads included.",
+                      static_cast<double>(usage.budget_bytes)),
+          GaugeFamily("deltaray_budget_limit_bytes", "--tree-bytes.", static_cast<double>(usage.budget_limit)),
           GaugeFamily("deltaray_builds_waiting", "Builds that wait for their turn.",
                       static_cast<double>(usage.builds_waiting)),
           GaugeFamily("deltaray_builds_under_way", "Builds that run.", static_cast<double>(usage.builds_running))};

@@ -3,25 +3,57 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 namespace deltaray {
 
-BuildQueue::BuildQueue(uint32_t concurrent_builds, Build::Options options,
+BuildQueue::BuildQueue(uint32_t concurrent_builds, uint32_t max_queued, Build::Options options,
                        std::function<void(const EndedBuild&)> on_build_end)
-    : options_(std::move(options)), on_build_end_(std::move(on_build_end)) {
+    : options_(std::move(options)), on_build_end_(std::move(on_build_end)), max_queued_(max_queued) {
   for (uint32_t i = 0; i < std::max(1u, concurrent_builds); ++i) threads_.emplace_back([this] { Work(); });
 }
 
 BuildQueue::~BuildQueue() { Stop(); }
 
-void BuildQueue::Push(std::function<void()> job) {
+absl::Status BuildQueue::Push(uint64_t number, std::function<void()> job, uint64_t replaced) {
+  Job dropped;  // destroyed without the lock
   MutexLock lock(mutex_);
-  if (stopped_) return;
-  jobs_.push_back(std::move(job));
-  changed_.notify_one();
+  if (stopped_) return absl::OkStatus();
+  if (Take(replaced, &dropped) || HasRoom().ok()) {
+    jobs_.push_back({number, std::move(job)});
+    changed_.notify_one();
+    return absl::OkStatus();
+  }
+  return HasRoom();
+}
+
+absl::Status BuildQueue::CheckRoom() {
+  MutexLock lock(mutex_);
+  return HasRoom();
+}
+
+absl::Status BuildQueue::HasRoom() const {
+  if (jobs_.size() < max_queued_) return absl::OkStatus();
+  return absl::ResourceExhaustedError(
+      absl::StrCat("the limit of ", max_queued_, " builds that wait is met (max_queued_builds); retry"));
+}
+
+void BuildQueue::Remove(uint64_t number) {
+  Job dropped;  // destroyed without the lock
+  MutexLock lock(mutex_);
+  Take(number, &dropped);
+}
+
+bool BuildQueue::Take(uint64_t number, Job* taken) {
+  const auto job = std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& job) { return job.number == number; });
+  if (job == jobs_.end()) return false;
+  *taken = std::move(*job);
+  jobs_.erase(job);
+  return true;
 }
 
 void BuildQueue::Stop() {
-  std::deque<std::function<void()>> dropped;  // destroyed without the lock
+  std::deque<Job> dropped;  // destroyed without the lock
   {
     MutexLock lock(mutex_);
     stopped_ = true;
@@ -45,7 +77,7 @@ size_t BuildQueue::running() const {
 
 void BuildQueue::Work() {
   for (;;) {
-    std::function<void()> job;
+    Job job;
     {
       MutexLock lock(mutex_);
       while (jobs_.empty() && !stopped_) changed_.wait(mutex_);
@@ -54,7 +86,7 @@ void BuildQueue::Work() {
       jobs_.pop_front();
       ++running_;
     }
-    job();
+    job.run();
     MutexLock lock(mutex_);
     --running_;
   }

@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "server/build/build.h"
 #include "server/build/mutex.h"
 #include "server/store/mesh_store.h"
@@ -20,9 +21,9 @@ namespace deltaray {
 // asks for a build never waits for it or for the disk. Thread-safe.
 class BuildQueue {
  public:
-  // `concurrent_builds`: at least 1. `options`: those of each build, but for its config. `on_build_end`: of
-  // MeshStore::Options; may be empty.
-  BuildQueue(uint32_t concurrent_builds, Build::Options options,
+  // `concurrent_builds`: at least 1. `max_queued`: jobs that wait. `options`: those of each build, but for its config.
+  // `on_build_end`: of MeshStore::Options; may be empty.
+  BuildQueue(uint32_t concurrent_builds, uint32_t max_queued, Build::Options options,
              std::function<void(const EndedBuild&)> on_build_end = nullptr);
   // As Stop.
   ~BuildQueue();
@@ -36,21 +37,35 @@ class BuildQueue {
   size_t waiting() const;
   size_t running() const;
 
-  // A job that comes after Stop is dropped.
-  void Push(std::function<void()> job);
+  // RESOURCE_EXHAUSTED where too many jobs wait. The job `replaced`, where it has not begun, is dropped for this one. A
+  // job that comes after Stop is dropped.
+  absl::Status Push(uint64_t number, std::function<void()> job, uint64_t replaced);
+  // Whether Push has room.
+  absl::Status CheckRoom();
+  // Drops a job that has not begun.
+  void Remove(uint64_t number);
   // Drops the jobs that have not begun and waits for the others.
   void Stop();
 
  private:
+  struct Job {
+    uint64_t number;
+    std::function<void()> run;
+  };
+
   void Work();
+  // Takes a job out that has not begun.
+  bool Take(uint64_t number, Job* taken) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status HasRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Build::Options options_;
   const std::function<void(const EndedBuild&)> on_build_end_;
+  const uint32_t max_queued_;
   std::atomic<uint64_t> last_number_{0};
   mutable Mutex mutex_;
   Condition changed_;
   bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  std::deque<std::function<void()>> jobs_ ABSL_GUARDED_BY(mutex_);
+  std::deque<Job> jobs_ ABSL_GUARDED_BY(mutex_);
   size_t running_ ABSL_GUARDED_BY(mutex_) = 0;
   std::vector<std::thread> threads_;
 };

@@ -12,6 +12,11 @@ double SecondsSince(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
+uint64_t TreeBytes(const Tree& tree) {
+  const TreeShape shape = tree.Shape();
+  return shape.node_bytes + shape.reference_bytes;
+}
+
 }  // namespace
 
 absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
@@ -26,11 +31,14 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
     const TreeShape shape = build()->statistics().shape;
     tree_bytes_ = shape.node_bytes + shape.reference_bytes;
   }
-  std::shared_ptr<Build> dropped;  // destroyed, after the lock, where nothing is to be had from it
+  // Destroyed, after the lock and in this order, where nothing is to be had from the build.
+  std::shared_ptr<TreeBudget::Reservation> memory;
+  std::shared_ptr<Build> dropped;
   MutexLock lock(mutex_);
   ended_ = true;
   status_ = status;
   if (!status.ok() && build_ && !build_->snapshot()) dropped.swap(build_);
+  if (!build_) memory.swap(memory_);
   return status;
 }
 
@@ -64,8 +72,26 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options
   if (cancelled_) build->Cancel();
 
   if (absl::Status status = build->WaitProvisional(); !status.ok()) return status;
+  const uint64_t provisional_bytes = TreeBytes(*build->snapshot()->tree);
   on_provisional();
-  return build->WaitDone();
+  if (absl::Status status = build->WaitDone(); !status.ok()) return status;
+  // A lazy tree grows until all of it is built, unnoticed.
+  if (!build->progress().lazy) HoldTree(provisional_bytes);
+  return absl::OkStatus();
+}
+
+void BuildRun::Hold(std::shared_ptr<TreeBudget::Reservation> memory) {
+  MutexLock lock(mutex_);
+  memory_ = std::move(memory);
+}
+
+void BuildRun::HoldTree(uint64_t provisional_bytes) {
+  MutexLock lock(mutex_);
+  const std::shared_ptr<const TreeSnapshot> tree = build_->snapshot();
+  std::shared_ptr<TreeBudget::Reservation> final = memory_->Split(TreeBytes(*tree->tree) + tree->mesh->Bytes());
+  // Batches may hold the provisional tree for longer, and this with it.
+  memory_->ShrinkTo(provisional_bytes);
+  memory_ = std::move(final);
 }
 
 void BuildRun::Cancel() {
@@ -89,8 +115,15 @@ absl::Status BuildRun::status() const {
 }
 
 std::shared_ptr<const TreeSnapshot> BuildRun::snapshot() const {
-  const std::shared_ptr<Build> running = build();
-  return running ? running->snapshot() : nullptr;
+  struct Held {
+    std::shared_ptr<TreeBudget::Reservation> memory;  // given back after the tree is gone
+    std::shared_ptr<const TreeSnapshot> tree;
+  };
+  auto held = std::make_shared<Held>();
+  MutexLock lock(mutex_);
+  if (build_) held->tree = build_->snapshot();
+  held->memory = memory_;
+  return {held, held->tree.get()};
 }
 
 BuildReport BuildRun::Report() const {

@@ -14,6 +14,7 @@
 #include "server/build/build.h"
 #include "server/build/mutex.h"
 #include "server/store/mesh_store.h"
+#include "server/store/tree_budget.h"
 
 namespace deltaray {
 
@@ -56,6 +57,9 @@ class BuildRun {
 
   // Makes Run end soon, also where it comes before Run.
   void Cancel();
+  // Gives the run the memory that it may take until its tree stands. From then on it has as much as the tree and its
+  // mesh take, until it and all who hold snapshot() are gone.
+  void Hold(std::shared_ptr<TreeBudget::Reservation> memory);
 
   uint64_t number() const { return number_; }
   const Config& config() const { return config_; }
@@ -64,7 +68,7 @@ class BuildRun {
   bool has_ended() const;
   // OK until Run has ended otherwise.
   absl::Status status() const;
-  // The best tree so far; null: none.
+  // The best tree so far, with its memory; null: none.
   std::shared_ptr<const TreeSnapshot> snapshot() const;
   // Never kStored.
   BuildReport Report() const;
@@ -78,6 +82,8 @@ class BuildRun {
  private:
   absl::Status LoadAndBuild(const LoadMesh& load, Build::Options options, const std::function<void()>& on_provisional);
   std::shared_ptr<Build> build() const;
+  // Gives back what the build took beside the finished tree.
+  void HoldTree(uint64_t provisional_bytes);
 
   const uint64_t number_;
   const Config config_;
@@ -91,6 +97,7 @@ class BuildRun {
   std::chrono::steady_clock::time_point begin_ ABSL_GUARDED_BY(mutex_);
   PhaseTime load_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<Build> build_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<TreeBudget::Reservation> memory_ ABSL_GUARDED_BY(mutex_);
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };

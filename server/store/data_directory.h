@@ -4,6 +4,7 @@
 //   configs/<mesh id>.config         record_file.h; only where a client gave one
 //   names/<SHA-256 of name>.name     record_file.h
 //   tmp/                             files on their way to their place; durable_file.h
+//   lock                             held by the server that changes anything of the above
 //
 // No path is made of a string that a client gave.
 
@@ -11,28 +12,58 @@
 #define SERVER_STORE_DATA_DIRECTORY_H_
 
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/container/flat_hash_map.h"
+#include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "server/store/durable_file.h"
+#include "server/store/folder_watch.h"
 #include "server/store/mesh_store.h"
 #include "server/store/record_file.h"
 
 namespace deltaray {
 
-// Thread-safe.
+// Thread-safe, but for Look.
 class DataDirectory {
  public:
-  struct Contents {
-    std::vector<MeshInfo> meshes;   // without names and state
-    std::vector<NameRecord> names;  // each of one of the meshes
+  // What a look at the directory found, other than at the look before. A file that is not whole counts as gone.
+  struct Changes {
+    std::vector<MeshInfo> meshes;  // there, without names and state; may be known
+    std::vector<std::string> gone_meshes;
+    std::vector<std::pair<std::string, Config>> configs;  // by mesh id; the default one where it is gone
+    std::vector<NameRecord> names;                        // there; their meshes may not be
+    std::vector<std::string> gone_names;
   };
 
   // Makes the directory where missing, removes what dead servers left half done, and reads what is there into
   // `contents`: of the meshes only what stands before the geometry. What is not whole is logged and left out.
-  static absl::StatusOr<DataDirectory> Open(const std::string& path, Contents* contents);
+  static absl::StatusOr<DataDirectory> Open(const std::string& path, Changes* contents);
+
+  // What any server has changed since the last call. After an error the next call tells what is missing in `changes`.
+  // Not thread-safe.
+  absl::Status Look(Changes* changes);
+
+  // Tells at the next look of a mesh or a name that became known without one, also where it is gone by then. Not
+  // thread-safe.
+  void TellOfMesh(const std::string& id);
+  void TellOfName(const std::string& name);
+
+  // What changes the directory holds this, so that it may look before it acts. UNAVAILABLE where another server has it
+  // for too long.
+  absl::StatusOr<FileDescriptor> Lock() const;
+
+  // What stands before the geometry, and the config. NOT_FOUND, DATA_LOSS and so on as ReadMeshFileInfo.
+  absl::StatusOr<MeshInfo> ReadMesh(const std::string& id) const;
+  // NOT_FOUND where the mesh has none.
+  absl::StatusOr<Config> ReadConfig(absl::string_view id) const;
+  // Whether a mesh's file is there, whole or not.
+  bool HasMesh(absl::string_view id) const;
+  // The id that a name points at, of a mesh that may not be there. Errors as above.
+  absl::StatusOr<std::string> ReadName(absl::string_view name) const;
 
   // REQUIRES: IsMeshId(id).
   std::string MeshPath(absl::string_view id) const;
@@ -44,18 +75,22 @@ class DataDirectory {
   absl::StatusOr<TemporaryFile> Prepare(absl::string_view content) const;
 
  private:
-  explicit DataDirectory(std::string path) : path_(std::move(path)) {}
+  explicit DataDirectory(const std::string& path);
 
-  absl::Status Read(Contents* contents) const;
-  absl::Status ReadMeshes(Contents* contents, size_t* refused) const;
-  absl::Status ReadNames(Contents* contents, size_t* refused) const;
-  absl::Status RemoveStrayConfigs() const;
-  Config ReadConfig(absl::string_view id, size_t* refused) const;
-  // The files in a folder whose names end so, without that ending, in order. Others are logged and counted.
-  absl::StatusOr<std::vector<std::string>> ListFiles(absl::string_view folder, absl::string_view ending,
-                                                     size_t* refused) const;
+  absl::Status LookAtMeshes(Changes* changes);
+  absl::Status LookAtNames(Changes* changes);
+  // Removes names and configs without a mesh, as they stand where somebody took the mesh's file away.
+  void RemoveStray(Changes* contents) const;
+
+  std::string NamePathOfDigest(absl::string_view digest) const;
+  absl::StatusOr<NameRecord> ReadNameFile(const std::string& digest) const;
+  // Logs why a file is left out, once. True where it should be looked at again, since the error may pass.
+  bool Refuse(const std::string& path, const absl::Status& status);
 
   std::string path_;
+  FolderWatch meshes_, configs_, names_;
+  absl::flat_hash_map<std::string, std::string> names_by_digest_;
+  absl::flat_hash_set<std::string> refused_;  // paths
 };
 
 }  // namespace deltaray

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <random>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -25,6 +26,8 @@ constexpr mode_t kFileMode = 0640;
 constexpr mode_t kFolderMode = 0750;
 // Where locks tell nothing, a temporary this old has no writer any more.
 constexpr time_t kAbandonedSeconds = 24 * 3600;
+// How often a lock that somebody else has is tried.
+constexpr std::chrono::milliseconds kLockInterval{1};
 
 // Repeats a system call that a signal interrupted.
 template <typename Call>
@@ -161,6 +164,20 @@ absl::Status RemoveFile(const std::string& path) {
     return errno == ENOENT ? absl::OkStatus() : FileError(errno, "remove", path);
   }
   return SyncFolder(FolderOf(path));
+}
+
+absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {
+  FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode); }));
+  if (!file.IsOpen()) return FileError(errno, "open", path);
+  const auto deadline = std::chrono::steady_clock::now() + timeout;
+  while (Retry([&] { return flock(file.get(), LOCK_EX | LOCK_NB); }) != 0 && errno == EWOULDBLOCK) {
+    if (std::chrono::steady_clock::now() >= deadline) {
+      return absl::UnavailableError(
+          absl::StrCat("another server has held the lock ", path, " for ", timeout.count(), " ms"));
+    }
+    std::this_thread::sleep_for(kLockInterval);
+  }
+  return file;
 }
 
 absl::StatusOr<TemporaryFile> TemporaryFile::Create(const std::string& folder) {

@@ -11,6 +11,7 @@
 #ifndef SERVER_STORE_DURABLE_FILE_H_
 #define SERVER_STORE_DURABLE_FILE_H_
 
+#include <chrono>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -59,6 +60,11 @@ absl::Status MakeFolder(const std::string& path);
 absl::Status SyncFolder(const std::string& path);
 // Removes a file and makes that durable. OK where there is none.
 absl::Status RemoveFile(const std::string& path);
+
+// Takes the lock of a file, which is made where missing and never removed. The lock goes with the descriptor, so with
+// the server too, whatever happens to it. UNAVAILABLE where somebody else has it for longer than `timeout`. Where the
+// file system has no locks, all get it.
+absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout);
 
 // A file on its way to its place. What was not moved there is removed by the destructor. Not thread-safe.
 class TemporaryFile {

@@ -5,16 +5,25 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/build/memory_estimate.h"
 #include "server/store/mesh_file.h"
+#include "server/store/record_file.h"
 #include "spdlog/spdlog.h"
 
 namespace deltaray {
+namespace {
 
-MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue)
+// A build may have failed for what passes: a disk that could not be read, memory that was short.
+constexpr std::chrono::seconds kTryAgain{1};
+
+}  // namespace
+
+MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget)
     : groups_(std::exchange(info.groups, {})),
       info_(std::move(info)),
       path_(std::move(path)),
       queue_(queue),
+      budget_(budget),
       config_(info_.config) {}
 
 MeshInfo MeshEntry::Info() const {
@@ -39,24 +48,39 @@ bool MeshEntry::file_is_lost() const {
   return file_is_lost_;
 }
 
-void MeshEntry::Start(std::shared_ptr<const TriangleMesh> mesh) {
+void MeshEntry::Start(LoadedMesh loaded) {
   MutexLock lock(mutex_);
-  if (!current_ || !current_->status().ok()) StartRun(config_, std::move(mesh));
+  if (!current_ || !current_->status().ok()) StartRun(config_, std::move(loaded)).IgnoreError();
 }
 
-void MeshEntry::Rebuild(const Config& config, std::shared_ptr<const TriangleMesh> mesh) {
+absl::Status MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
   std::shared_ptr<BuildRun> old;
   {
     MutexLock lock(mutex_);
     old = current_;
     config_ = config;
-    StartRun(config, std::move(mesh));
+    if (absl::Status status = StartRun(config, std::move(loaded)); !status.ok()) return status;
   }
   if (old) old->Cancel();
+  return absl::OkStatus();
+}
+
+void MeshEntry::SetConfig(const Config& config) {
+  std::shared_ptr<BuildRun> old;
+  {
+    MutexLock lock(mutex_);
+    if (EncodeConfig(config) == EncodeConfig(config_)) return;
+    config_ = config;
+    if (!current_) return;
+    old = current_;
+    if (!StartRun(config).ok()) return;
+  }
+  old->Cancel();
 }
 
 void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback) {
   absl::StatusOr<MeshStore::Answer> answer;
+  Touch();
   {
     MutexLock lock(mutex_);
     const std::shared_ptr<BuildRun>& run = final ? finished_ : answering_;
@@ -64,14 +88,18 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
       answer = closed_;
     } else if (run) {
       answer = AnswerFrom(*run);
-    } else if (current_ && !current_->status().ok()) {
+    } else if (current_ && !current_->status().ok() && !MayTryAgain()) {
       answer = BuildFailure(current_->status());
     } else if (!no_waiting_.ok()) {
       answer = no_waiting_;
     } else {
-      waiters_.push_back({final, std::move(callback)});
-      if (!current_) StartRun(config_, nullptr);
-      return;
+      absl::Status started;
+      if (!current_ || !current_->status().ok()) started = StartRun(config_);
+      if (started.ok()) {
+        waiters_.push_back({final, std::move(callback)});
+        return;
+      }
+      answer = started;
     }
   }
   callback(std::move(answer));
@@ -87,13 +115,17 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
   for (Waiter& waiter : waiters) waiter.callback(status);
 }
 
-BuildReport MeshEntry::Watch() {
+absl::StatusOr<BuildReport> MeshEntry::Watch() {
   MutexLock lock(mutex_);
-  if (!current_) StartRun(config_, nullptr);
+  if (!current_) {
+    if (absl::Status status = StartRun(config_); !status.ok()) return status;
+  }
   BuildReport report = current_ ? CurrentReport() : BuildReport();
   report.answers = answering_ != nullptr && closed_.ok();
   return report;
 }
+
+bool MeshEntry::MayTryAgain() const { return std::chrono::steady_clock::now() - failed_at_ >= kTryAgain; }
 
 BuildReport MeshEntry::CurrentReport() const {
   BuildReport report = current_->Report();
@@ -110,8 +142,8 @@ absl::StatusOr<StoredStatistics> MeshEntry::Statistics() const {
     run = answering_;
   }
   if (!run) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("no tree of mesh ", id(), " was built yet since the server started"));
+    return absl::FailedPreconditionError(absl::StrCat(
+        "no tree of mesh ", id(), " is in memory: none was built since the server started, or it had to make room"));
   }
   return run->Statistics();
 }
@@ -119,42 +151,80 @@ absl::StatusOr<StoredStatistics> MeshEntry::Statistics() const {
 void MeshEntry::AddUsage(StoreUsage* usage) const {
   MutexLock lock(mutex_);
   ++usage->meshes[static_cast<size_t>(current_ ? CurrentReport().state : MeshState::kStored)];
-  usage->disk_bytes += info_.stored_bytes;
   if (const std::shared_ptr<const TriangleMesh> mesh = mesh_.lock()) usage->mesh_bytes += mesh->Bytes();
   if (answering_) usage->tree_bytes += answering_->tree_bytes();
   if (finished_ && finished_ != answering_) usage->tree_bytes += finished_->tree_bytes();
 }
 
+bool MeshEntry::Drop() {
+  // Destroyed after the lock.
+  LoadedMesh uploaded;
+  std::shared_ptr<BuildRun> finished, answering, current;
+  MutexLock lock(mutex_);
+  uploaded = std::exchange(uploaded_, {});
+  // The end of the current run is yet to be told to those who wait for it.
+  const bool keep_current = !current_ || !current_->has_ended() || !waiters_.empty();
+  finished = std::exchange(finished_, nullptr);
+  if (answering_ && !(keep_current && answering_ == current_)) answering.swap(answering_);
+  // A failure is remembered.
+  if (!keep_current && current_->status().ok()) current.swap(current_);
+  return uploaded.mesh || finished || answering;
+}
+
 void MeshEntry::Close(const absl::Status& status) {
   std::vector<Waiter> waiters;
+  LoadedMesh uploaded;  // destroyed after the lock
   std::shared_ptr<BuildRun> run;
   {
     MutexLock lock(mutex_);
     closed_ = status;
-    uploaded_.reset();
+    uploaded = std::exchange(uploaded_, {});
     waiters.swap(waiters_);
     run = current_;
   }
-  if (run) run->Cancel();
+  if (run) {
+    queue_->Remove(run->number());
+    run->Cancel();
+  }
   for (Waiter& waiter : waiters) waiter.callback(status);
 }
 
-void MeshEntry::StartRun(const Config& config, std::shared_ptr<const TriangleMesh> mesh) {
-  if (!closed_.ok()) return;
-  if (mesh) uploaded_ = std::move(mesh);
-  current_ = std::make_shared<BuildRun>(queue_->NextNumber(), config, info_.triangle_count);
-  queue_->Push([self = shared_from_this(), run = current_] { self->DoRun(run); });
+absl::Status MeshEntry::StartRun(const Config& config, LoadedMesh loaded) {
+  if (!closed_.ok()) return absl::OkStatus();
+  const auto run = std::make_shared<BuildRun>(queue_->NextNumber(), config, info_.triangle_count);
+  // A run that waits makes room for the one that takes its place.
+  absl::Status status = queue_->Push(
+      run->number(), [self = shared_from_this(), run] { self->DoRun(run); }, current_ ? current_->number() : 0);
+  if (!status.ok()) return status;
+  Touch();
+  current_ = run;
+  if (loaded.mesh) uploaded_ = std::move(loaded);
+  return absl::OkStatus();
+}
+
+uint64_t MeshEntry::EstimateBytes(const Config& config) const {
+  // Positions, indices, face ids and group ids; once more as they are read from the file, before the build.
+  const uint64_t mesh = 12 * info_.vertex_count + 20 * info_.triangle_count;
+  return mesh + std::max(info_.stored_bytes, EstimateBuildBytes(config, info_.triangle_count));
 }
 
 void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
   spdlog::info("build {} of mesh {} started", run->number(), id());
-  const auto load = [this](const std::function<bool()>& cancelled) { return LoadMesh(cancelled); };
+  const auto load = [&](const std::function<bool()>& cancelled) -> absl::StatusOr<std::shared_ptr<const TriangleMesh>> {
+    const std::string what = absl::StrCat("mesh ", id(), " of ", info_.triangle_count, " triangles");
+    auto memory = budget_->Reserve(EstimateBytes(run->config()), what, cancelled);
+    if (!memory.ok()) return memory.status();
+    run->Hold(*std::move(memory));
+    return LoadMesh(cancelled);
+  };
   const absl::Status status = run->Run(load, queue_->options(), [&] { BecomeProvisional(run); });
   const double seconds = run->Report().progress.elapsed_seconds;
   if (status.ok()) {
     spdlog::info("build {} of mesh {} ended after {:.3f} s", run->number(), id(), seconds);
   } else if (absl::IsCancelled(status)) {
     spdlog::info("build {} of mesh {} was cancelled after {:.3f} s", run->number(), id(), seconds);
+  } else if (absl::IsNotFound(status)) {
+    spdlog::info("build {} of mesh {} ended: it was deleted", run->number(), id());
   } else {
     spdlog::error("build {} of mesh {} failed: {}", run->number(), id(), status.ToString());
   }
@@ -164,12 +234,11 @@ void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
 
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshEntry::LoadMesh(const std::function<bool()>& cancelled) {
   {
+    LoadedMesh uploaded;  // what it takes is the run's from here on
     MutexLock lock(mutex_);
-    if (uploaded_) mesh_ = uploaded_;
-    if (std::shared_ptr<const TriangleMesh> mesh = mesh_.lock()) {
-      uploaded_.reset();
-      return mesh;
-    }
+    uploaded = std::exchange(uploaded_, {});
+    if (uploaded.mesh) mesh_ = uploaded.mesh;
+    if (std::shared_ptr<const TriangleMesh> mesh = mesh_.lock()) return mesh;
   }
   absl::StatusOr<TriangleMesh> read = ReadMeshFile(path_, id(), cancelled);
   const auto mesh = read.ok() ? std::make_shared<const TriangleMesh>(*std::move(read)) : nullptr;
@@ -202,6 +271,7 @@ void MeshEntry::End(const std::shared_ptr<BuildRun>& run, const absl::Status& st
     MutexLock lock(mutex_);
     // Those who wait for a run that was cancelled by Rebuild wait for the one that came after it.
     if (run != current_ || !closed_.ok()) return;
+    if (!status.ok()) failed_at_ = std::chrono::steady_clock::now();
     if (status.ok()) {
       old = std::exchange(finished_, run);
     } else if (finished_) {
@@ -223,7 +293,12 @@ MeshStore::Answer MeshEntry::AnswerFrom(const BuildRun& run) const {
 }
 
 absl::Status MeshEntry::BuildFailure(const absl::Status& status) const {
-  return absl::FailedPreconditionError(absl::StrCat("the build of mesh ", id(), " failed: ", status.message()));
+  // Another server has deleted it, which the store is about to notice.
+  if (absl::IsNotFound(status)) return absl::NotFoundError(absl::StrCat("mesh ", id(), " was deleted"));
+  const std::string text = absl::StrCat("the build of mesh ", id(), " failed: ", status.message());
+  if (absl::IsDataLoss(status)) return absl::DataLossError(text);
+  if (absl::IsResourceExhausted(status)) return absl::ResourceExhaustedError(text);
+  return absl::FailedPreconditionError(text);
 }
 
 }  // namespace deltaray

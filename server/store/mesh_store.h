@@ -66,6 +66,9 @@ struct StoreUsage {
   uint64_t disk_bytes = 0;
   uint64_t mesh_bytes = 0;  // geometry in memory
   uint64_t tree_bytes = 0;  // of trees whose build has ended
+  // What counts towards Options::tree_bytes, builds and uploads included; and that limit.
+  uint64_t budget_bytes = 0;
+  uint64_t budget_limit = 0;
   uint64_t builds_waiting = 0;
   uint64_t builds_running = 0;
 };
@@ -105,17 +108,32 @@ class Upload {
   virtual absl::StatusOr<Committed> Commit(CommitOptions options) = 0;
 };
 
-// The meshes of a data directory. All methods are thread-safe; those that touch the disk block, none waits for a build.
+// The meshes of a data directory, which any number of stores may share, in one process or on many machines. All methods
+// are thread-safe; those that touch the disk block, none waits for a build.
 //
-// `mesh` is an id or a name; NOT_FOUND where there is no such mesh.
+// `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
+// damaged or can not be read. A mesh or name that is not known is looked for on disk at once; that a known one was
+// moved or deleted by another server is noticed within a few Options::follow_interval.
 class MeshStore {
  public:
   struct Options {
     std::string data_directory;  // made where missing
     uint64_t max_upload_bytes = uint64_t{4} << 30;
     MeshLimits mesh_limits;
+    // Of the whole directory, as far as this store has noticed what others have stored. What is over one of them gives
+    // RESOURCE_EXHAUSTED and a text with the limit's name and value.
+    uint64_t max_meshes = 100'000;
+    uint64_t max_names = 100'000;
+    uint64_t max_names_per_mesh = 1'000;
+    uint64_t max_stored_bytes = uint64_t{1} << 40;  // mesh files, and uploads on their way
+    // Memory of meshes and trees; builds and uploads that are being read included. Trees that were not used for longest
+    // make room for others, and are built again when they are asked for.
+    uint64_t tree_bytes = uint64_t{8} << 30;
     uint32_t concurrent_builds = 1;
-    uint32_t build_threads = 0;           // 0: all cores
+    uint32_t max_queued_builds = 1'024;  // that wait for their turn
+    uint32_t build_threads = 0;          // 0: all cores
+    // How long it takes to notice what other servers change in the directory.
+    std::chrono::milliseconds follow_interval{250};
     std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
     // Called at the end of every build, from its thread. Must not call the store.
     std::function<void(const EndedBuild&)> on_build_end;
@@ -139,7 +157,7 @@ class MeshStore {
   virtual absl::StatusOr<std::string> Delete(absl::string_view mesh) = 0;
 
   // Starts a build with this config, which is kept for later builds too; cancels the one under way. The old tree
-  // answers until the new one can.
+  // answers until the new one can, unless it has to make room for it.
   virtual absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) = 0;
 
   struct Answer {
@@ -149,7 +167,8 @@ class MeshStore {
   };
   // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
   // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
-  // thread, or later, on another; it must not block. FAILED_PRECONDITION where the build failed.
+  // thread, or later, on another; it must not block. Where the build failed: DATA_LOSS for a damaged file,
+  // RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION.
   virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) = 0;
 
   // From now on nobody waits for a tree: the callbacks that do, and later ones for which there is no tree, get

@@ -27,7 +27,8 @@ absl::Status CheckAnnounced(UploadFile& file, const Upload::CommitOptions& optio
 
 }  // namespace
 
-absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions& options, const MeshLimits& limits) {
+absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions& options, const MeshLimits& limits,
+                                    std::shared_ptr<TreeBudget::Reservation> memory) {
   if (!options.name.empty()) {
     if (absl::Status status = ValidateMeshName(options.name); !status.ok()) return status;
   }
@@ -38,6 +39,7 @@ absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions
 
   ReadMeshOptions read_options = options.read;
   read_options.limits = limits;
+  read_options.take_memory = [&](uint64_t bytes) { return memory->GrowTo(bytes); };
   absl::StatusOr<ReadMeshResult> read;
   const absl::Status read_status = file.Read([&](std::span<const char> bytes) {
     read = ReadMesh(bytes, read_options);
@@ -46,19 +48,22 @@ absl::StatusOr<NewMesh> ReadNewMesh(UploadFile file, const Upload::CommitOptions
   if (!read_status.ok()) return read_status;
 
   NewMesh upload;
-  upload.mesh = std::make_shared<const TriangleMesh>(std::move(read->mesh));
+  upload.loaded.mesh = std::make_shared<const TriangleMesh>(std::move(read->mesh));
+  memory->ShrinkTo(upload.loaded.mesh->Bytes());
+  upload.loaded.memory = std::move(memory);
   upload.name = options.name;
   upload.config = options.config;
-  absl::StatusOr<MeshDigest> digest = DigestMesh(*upload.mesh);
+  const TriangleMesh& mesh = *upload.loaded.mesh;
+  absl::StatusOr<MeshDigest> digest = DigestMesh(mesh);
   if (!digest.ok()) return digest.status();
   upload.digest = *std::move(digest);
 
   upload.info.id = absl::BytesToHexString(upload.digest.sha256);
-  upload.info.vertex_count = upload.mesh->positions.size();
-  upload.info.triangle_count = upload.mesh->indices.size();
-  upload.info.face_count = upload.mesh->face_count;
-  upload.info.origin = upload.mesh->origin;
-  upload.info.groups = upload.mesh->groups;
+  upload.info.vertex_count = mesh.positions.size();
+  upload.info.triangle_count = mesh.indices.size();
+  upload.info.face_count = mesh.face_count;
+  upload.info.origin = mesh.origin;
+  upload.info.groups = mesh.groups;
   upload.info.report = std::move(read->report);
   // As the file keeps it, so that it is the same after a restart.
   upload.info.created = std::chrono::floor<std::chrono::microseconds>(std::chrono::system_clock::now());
@@ -82,9 +87,10 @@ absl::Status PreparedFiles::PrepareLabels(const NewMesh& upload, const DataDirec
 }
 
 absl::Status PreparedFiles::PrepareMesh(const NewMesh& upload, const DataDirectory& directory) {
+  if (absl::Status status = charge.Add(upload.info.stored_bytes); !status.ok()) return status;
   absl::StatusOr<TemporaryFile> file = TemporaryFile::Create(directory.TemporariesPath());
   if (!file.ok()) return file.status();
-  if (absl::Status status = WriteMeshFile(*upload.mesh, upload.digest, upload.info, &*file); !status.ok()) {
+  if (absl::Status status = WriteMeshFile(*upload.loaded.mesh, upload.digest, upload.info, &*file); !status.ok()) {
     return status;
   }
   if (absl::Status status = file->Sync(); !status.ok()) return status;

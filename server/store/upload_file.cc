@@ -9,10 +9,10 @@
 
 namespace deltaray {
 
-absl::StatusOr<UploadFile> UploadFile::Create(const std::string& folder, uint64_t max_bytes) {
+absl::StatusOr<UploadFile> UploadFile::Create(const std::string& folder, uint64_t max_bytes, DiskBudget* budget) {
   absl::StatusOr<FileDescriptor> file = CreateUnnamedFile(folder);
   if (!file.ok()) return file.status();
-  return UploadFile(*std::move(file), folder, max_bytes);
+  return UploadFile(*std::move(file), folder, max_bytes, budget);
 }
 
 absl::Status UploadFile::Append(absl::string_view bytes) {
@@ -22,6 +22,8 @@ absl::Status UploadFile::Append(absl::string_view bytes) {
         absl::StrCat("the upload is over the limit of ", max_bytes_, " bytes (max_upload_bytes)"));
     return status_;
   }
+  status_ = charge_.Add(bytes.size());
+  if (!status_.ok()) return status_;
   status_ = WriteAll(file_, bytes, folder_);
   if (!status_.ok()) return status_;
   sha256_.Update(bytes);

@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "server/store/disk_budget.h"
 #include "server/store/durable_file.h"
 #include "server/store/sha256.h"
 
@@ -19,8 +20,8 @@ namespace deltaray {
 // The file has no name, so that nothing of it outlives the server, and costs disk instead of memory. Not thread-safe.
 class UploadFile {
  public:
-  // RESOURCE_EXHAUSTED, later, for what is longer than `max_bytes`.
-  static absl::StatusOr<UploadFile> Create(const std::string& folder, uint64_t max_bytes);
+  // RESOURCE_EXHAUSTED, later, for what is longer than `max_bytes` or more than `budget` has room for.
+  static absl::StatusOr<UploadFile> Create(const std::string& folder, uint64_t max_bytes, DiskBudget* budget);
 
   // After an error the file is of no use any more; Finish returns that error again.
   absl::Status Append(absl::string_view bytes);
@@ -32,9 +33,10 @@ class UploadFile {
   absl::Status Read(const std::function<absl::Status(std::span<const char>)>& read) const;
 
  private:
-  UploadFile(FileDescriptor file, std::string folder, uint64_t max_bytes)
-      : file_(std::move(file)), folder_(std::move(folder)), max_bytes_(max_bytes) {}
+  UploadFile(FileDescriptor file, std::string folder, uint64_t max_bytes, DiskBudget* budget)
+      : charge_(budget), file_(std::move(file)), folder_(std::move(folder)), max_bytes_(max_bytes) {}
 
+  DiskBudget::Charge charge_;
   FileDescriptor file_;
   std::string folder_;
   uint64_t max_bytes_;

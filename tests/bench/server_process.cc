@@ -11,7 +11,6 @@
 #include <fstream>
 #include <system_error>
 #include <thread>
-#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -28,7 +27,7 @@ std::string BesideThisProgram() {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string binary,
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string binary, std::string data_directory,
                                                                     const std::vector<std::string>& flags) {
   if (binary.empty()) binary = BesideThisProgram();
   if (access(binary.c_str(), X_OK) != 0) {
@@ -38,10 +37,13 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string 
   if (mkdtemp(directory.data()) == nullptr) return absl::UnavailableError("cannot make a temporary directory");
   std::unique_ptr<ServerProcess> server(new ServerProcess(directory));
 
-  const std::string port_file = directory + "/port", data = directory + "/data";
-  std::vector<const char*> arguments = {binary.c_str(), "--listen",   "127.0.0.1:0", "--port-file", port_file.c_str(),
-                                        "--data-dir",   data.c_str(), "--log-level", "warning"};
-  for (const std::string& flag : flags) arguments.push_back(flag.c_str());
+  const std::string port_file = directory + "/port";
+  if (data_directory.empty()) data_directory = directory + "/data";
+  std::vector<std::string> words = {binary,       "--listen",     "127.0.0.1:0", "--port-file", port_file,
+                                    "--data-dir", data_directory, "--log-level", "warning"};
+  words.insert(words.end(), flags.begin(), flags.end());
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
   const pid_t parent = getpid();
   server->process_ = fork();
@@ -50,7 +52,7 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string 
     // Only what may be called after a fork of a program with threads.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(127);
-    execv(binary.c_str(), const_cast<char**>(arguments.data()));
+    execv(binary.c_str(), arguments.data());
     _exit(127);
   }
   if (clock_getcpuclockid(server->process_, &server->clock_) != 0) {
@@ -80,6 +82,16 @@ ServerProcess::~ServerProcess() {
   }
   std::error_code ignored;
   std::filesystem::remove_all(directory_, ignored);
+}
+
+void ServerProcess::Signal(int signal) {
+  if (process_ > 0) kill(process_, signal);
+}
+
+void ServerProcess::Kill() {
+  Signal(SIGKILL);
+  if (process_ > 0) waitpid(process_, nullptr, 0);
+  process_ = -1;
 }
 
 double ServerProcess::CpuSeconds() const {

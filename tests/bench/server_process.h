@@ -1,4 +1,4 @@
-// A deltarayd of its own for a benchmark.
+// A deltarayd of its own, for benchmarks and torture.
 
 #ifndef TESTS_BENCH_SERVER_PROCESS_H_
 #define TESTS_BENCH_SERVER_PROCESS_H_
@@ -15,12 +15,14 @@
 
 namespace deltaray {
 
-// A running deltarayd with an empty data directory, so that its processor time is told apart from the client's. It
-// ends, and the directory goes, when this does; also where this process is killed.
+// A running deltarayd, by default with an empty data directory, so that its processor time is told apart from the
+// client's. It ends, and that directory goes, when this does; also where this process is killed, or the thread that
+// started it ends.
 class ServerProcess {
  public:
-  // Starts `binary`; empty: the deltarayd beside this program. Adds `flags` to what it needs. Returns once it listens.
-  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(std::string binary,
+  // Starts `binary`; empty: the deltarayd beside this program. With a data directory, that one is used, and stays.
+  // Returns once it listens.
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(std::string binary, std::string data_directory = "",
                                                               const std::vector<std::string>& flags = {});
   ~ServerProcess();
   ServerProcess(const ServerProcess&) = delete;
@@ -28,6 +30,9 @@ class ServerProcess {
 
   // As gRPC takes it.
   const std::string& address() const { return address_; }
+  void Signal(int signal);
+  // Ends it as a power cut would.
+  void Kill();
   // Processor time that the server has taken since its start.
   double CpuSeconds() const;
 

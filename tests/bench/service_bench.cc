@@ -257,7 +257,7 @@ absl::StatusOr<std::vector<Served>> StartServers(const ServiceBenchOptions& opti
     if (tls && directory.empty()) break;
     std::vector<std::string> flags;
     if (tls) flags = {"--tls-cert", directory + "/server.pem", "--tls-key", directory + "/server.key"};
-    absl::StatusOr<std::unique_ptr<ServerProcess>> process = ServerProcess::Start(options.server, flags);
+    absl::StatusOr<std::unique_ptr<ServerProcess>> process = ServerProcess::Start(options.server, "", flags);
     if (!process.ok()) return process.status();
     servers.push_back({*std::move(process), tls ? directory + "/ca.pem" : ""});
   }

@@ -54,12 +54,13 @@ absl::StatusOr<std::unique_ptr<BenchConnection>> BenchConnection::Open(const std
 }
 
 absl::StatusOr<std::string> UploadArrays(Connection& connection, const TriangleMesh& mesh,
-                                         const std::function<void()>& on_last_byte) {
+                                         const std::function<void()>& on_last_byte, const std::string& name) {
   grpc::ClientContext context;
   v1::UploadMeshResponse response;
   const auto writer = connection.meshes().UploadMesh(&context, &response);
   v1::UploadMeshRequest request;
   v1::UploadHeader& header = *request.mutable_header();
+  header.set_name(name);
   header.set_format(v1::MESH_FORMAT_RAW);
   header.mutable_raw_layout()->set_vertex_count(mesh.positions.size());
   header.mutable_raw_layout()->set_triangle_count(mesh.indices.size());

@@ -46,9 +46,10 @@ class BenchConnection {
   absl::StatusOr<Connection> connection_ = absl::UnknownError("not connected");
 };
 
-// Uploads the stored arrays of `mesh`, and returns its id. Calls `on_last_byte` once all of them are sent.
+// Uploads the stored arrays of `mesh`, with a name where it is not empty, and returns its id. Calls `on_last_byte` once
+// all of them are sent.
 absl::StatusOr<std::string> UploadArrays(Connection& connection, const TriangleMesh& mesh,
-                                         const std::function<void()>& on_last_byte);
+                                         const std::function<void()>& on_last_byte, const std::string& name = "");
 absl::Status DeleteMesh(Connection& connection, const std::string& mesh);
 
 // Rays as they travel: without intervals where all of them have the default one.

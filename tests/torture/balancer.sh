@@ -1,20 +1,22 @@
 #!/usr/bin/env bash
-# usage: balancer.sh BIN [--quick] [--rounds N]
+# usage: balancer.sh [--rounds N] [--quick] [--bin BIN]
 # nginx, by docker/balancer/nginx.conf, before three servers on one data directory, rays at full load: how fast against the
 # servers without it; then, N times (5; quick: 2), one server is killed with SIGKILL and started again. No answer may be
 # wrong or missing, and no client may fail; they see a pause. Tells how many trees had to be built again for it.
 here=$(dirname "${BASH_SOURCE[0]}")
-source "$here/../e2e/server.sh"
 command -v nginx >/dev/null || { echo "SKIPPED: nginx is missing; it comes with the package nginx-light"; exit 77; }
-shift
 rounds=5 seconds=10 meshes=12 rays=200000
+bin=$here/../../build/bin
 while [ $# -gt 0 ]; do
   case "$1" in
     --quick) rounds=2 seconds=2 rays=50000; shift ;;
     --rounds) rounds=$2; shift 2 ;;
-    *) echo "balancer.sh: unknown argument '$1'" >&2; exit 2 ;;
+    --bin) bin=$2; shift 2 ;;
+    *) echo "usage: balancer.sh [--rounds N] [--quick] [--bin BIN]" >&2; exit 2 ;;
   esac
 done
+set -- "$bin"
+source "$here/../e2e/server.sh"
 passes=4 # of the rays in one stream
 max_wait_ms=5000 # for the next hits of a stream, its first ones too, beyond five times the longest wait without losses
 

@@ -51,8 +51,11 @@ TEST_F(DataDirectoryTest, AMeshWithADamagedHeadIsLeftOutAndItsFilesStay) {
     const auto store = OpenStore(path_);
     ExpectGood(*store);
     EXPECT_EQ(store->List("", 10).size(), 1u);
-    EXPECT_EQ(store->Get("bad").status().code(), absl::StatusCode::kNotFound);
-    EXPECT_EQ(store->Get(bad_).status().code(), absl::StatusCode::kNotFound);
+    for (const std::string& mesh : {std::string("bad"), bad_}) {
+      EXPECT_EQ(store->Get(mesh).status().code(), absl::StatusCode::kDataLoss);
+      EXPECT_THAT(store->Get(mesh).status().ToString(), HasSubstr(MeshFile(bad_)));
+      EXPECT_EQ(AwaitTree(*store, mesh).status().code(), absl::StatusCode::kDataLoss);
+    }
   }
   EXPECT_EQ(FilesIn(path_), files);
   // Once the file is mended, name and config are there again.
@@ -69,7 +72,7 @@ TEST_F(DataDirectoryTest, DamagedGeometryIsNeverServed) {
   const auto store = OpenStore(path_);
   for (int i = 0; i < 2; ++i) {
     const auto answer = AwaitTree(*store, "bad");
-    EXPECT_EQ(answer.status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_EQ(answer.status().code(), absl::StatusCode::kDataLoss);
     EXPECT_THAT(answer.status().ToString(), HasSubstr(MeshFile(bad_)));
   }
   EXPECT_EQ(store->Get("bad")->state, MeshState::kFailed);
@@ -87,24 +90,33 @@ TEST_F(DataDirectoryTest, DamagedGeometryIsNeverServed) {
   EXPECT_TRUE(AwaitTree(*OpenStore(path_), "bad").ok());
 }
 
-TEST_F(DataDirectoryTest, AMeshFileThatVanishesFailsItsBuildOnly) {
+TEST_F(DataDirectoryTest, AMeshFileThatVanishesIsADeletedMesh) {
   const auto store = OpenStore(path_);
   std::filesystem::remove(MeshFile(bad_));
-  EXPECT_EQ(AwaitTree(*store, "bad").status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(AwaitTree(*store, "bad").status().code(), absl::StatusCode::kNotFound);
   ExpectGood(*store);
-  EXPECT_TRUE(store->Delete("bad").ok());
+  EXPECT_EQ(store->Delete("bad").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(store->List("", 10).size(), 1u);
+}
+
+TEST_F(DataDirectoryTest, ADamagedMeshCanBeDeleted) {
+  WriteFile(MeshFile(bad_), "no mesh");
+  const auto store = OpenStore(path_);
+  ASSERT_EQ(store->Get(bad_).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(*store->Delete(bad_), bad_);
+  EXPECT_EQ(store->Get(bad_).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(store->Get("bad").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(FilesIn(path_).size(), 3u);
 }
 
 TEST_F(DataDirectoryTest, WhereverTheMeshFileIsCutItIsNotServed) {
   const std::string content = ReadFile(MeshFile(bad_));
   for (size_t size = 0; size < content.size(); size += 17) {
     WriteFile(MeshFile(bad_), content.substr(0, size));
-    DataDirectory::Contents contents;
+    DataDirectory::Changes contents;
     ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
     ASSERT_EQ(contents.meshes.size(), 1u) << size;
     EXPECT_EQ(contents.meshes[0].id, good_);
-    ASSERT_EQ(contents.names.size(), 1u);
-    EXPECT_EQ(contents.names[0].name, "good");
   }
 }
 
@@ -114,7 +126,7 @@ TEST_F(DataDirectoryTest, WhereverARecordIsDamagedOnlyItIsLost) {
     std::string flipped = name;
     flipped[i] ^= 4;
     WriteFile(NameFile("bad"), flipped);
-    DataDirectory::Contents contents;
+    DataDirectory::Changes contents;
     ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
     EXPECT_EQ(contents.meshes.size(), 2u);
     ASSERT_EQ(contents.names.size(), 1u) << i;
@@ -122,7 +134,7 @@ TEST_F(DataDirectoryTest, WhereverARecordIsDamagedOnlyItIsLost) {
   const std::string config = ReadFile(ConfigFile(bad_));
   for (size_t i = 0; i < config.size(); i += 7) {
     WriteFile(ConfigFile(bad_), config.substr(0, i));
-    DataDirectory::Contents contents;
+    DataDirectory::Changes contents;
     ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
     ASSERT_EQ(contents.meshes.size(), 2u);
     EXPECT_EQ(contents.meshes[contents.meshes[0].id == bad_ ? 0 : 1].config.delta, Config().delta) << i;
@@ -144,8 +156,8 @@ TEST_F(DataDirectoryTest, AFileUnderAnothersNameIsNotTaken) {
   std::filesystem::copy(NameFile("good"), NameFile("better"));
   const auto store = OpenStore(path_);
   ExpectGood(*store);
-  EXPECT_EQ(store->Get(other).status().code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(store->Get("better").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(store->Get(other).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(store->Get("better").status().code(), absl::StatusCode::kDataLoss);
 }
 
 TEST_F(DataDirectoryTest, ForeignFilesAreLeftAlone) {

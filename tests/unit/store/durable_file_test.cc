@@ -147,7 +147,8 @@ TEST(DurableFileTest, WhatMayNotBeWrittenToIsFailedPrecondition) {
 
 TEST(DurableFileTest, AnUploadIsCountedHashedAndReadWhole) {
   ScratchDirectory directory;
-  absl::StatusOr<UploadFile> file = UploadFile::Create(directory.path(), 6);
+  DiskBudget budget(100, [] { return 0; });
+  absl::StatusOr<UploadFile> file = UploadFile::Create(directory.path(), 6, &budget);
   ASSERT_TRUE(file.ok());
   EXPECT_TRUE(file->Append("abc").ok());
   EXPECT_TRUE(file->Append("").ok());
@@ -168,13 +169,29 @@ TEST(DurableFileTest, AnUploadIsCountedHashedAndReadWhole) {
 
 TEST(DurableFileTest, AnUploadOverItsLimitStaysRefused) {
   ScratchDirectory directory;
-  absl::StatusOr<UploadFile> file = UploadFile::Create(directory.path(), 6);
+  DiskBudget budget(100, [] { return 0; });
+  absl::StatusOr<UploadFile> file = UploadFile::Create(directory.path(), 6, &budget);
   EXPECT_TRUE(file->Append("abcdef").ok());
   const absl::Status status = file->Append("g");
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(status.ToString(), HasSubstr("max_upload_bytes"));
   EXPECT_EQ(file->Append("").code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(file->Finish().status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST(DurableFileTest, UploadsTogetherStayWithinTheBytesOnDisk) {
+  ScratchDirectory directory;
+  DiskBudget budget(10, [] { return 4; });
+  absl::StatusOr<UploadFile> one = UploadFile::Create(directory.path(), 100, &budget);
+  {
+    absl::StatusOr<UploadFile> two = UploadFile::Create(directory.path(), 100, &budget);
+    EXPECT_TRUE(one->Append("abc").ok());
+    EXPECT_TRUE(two->Append("abc").ok());
+    const absl::Status status = two->Append("d");
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_THAT(status.ToString(), HasSubstr("10 bytes on disk (max_stored_bytes)"));
+  }
+  EXPECT_TRUE(one->Append("def").ok());
 }
 
 TEST(DurableFileTest, Sha256IsTheStandards) {

@@ -88,11 +88,12 @@ inline Hit HitStrip(const MeshStore::Answer& answer, int number) {
   return hit;
 }
 
-// The files below a directory, as paths relative to it.
+// The files below a data directory, as paths relative to it, without the lock, which stays where it is.
 inline std::set<std::string> FilesIn(const std::string& path) {
   std::set<std::string> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(path)) {
-    if (entry.is_regular_file()) files.insert(std::filesystem::relative(entry.path(), path).string());
+    if (entry.is_regular_file() && entry.path().filename() != "lock")
+      files.insert(std::filesystem::relative(entry.path(), path).string());
   }
   return files;
 }

@@ -31,6 +31,21 @@ class FileSizeLimit {
   void (*handler_)(int);
 };
 
+// No file can be opened any more.
+class NoFileDescriptors {
+ public:
+  NoFileDescriptors() {
+    getrlimit(RLIMIT_NOFILE, &before_);
+    rlimit limit = before_;
+    limit.rlim_cur = 0;
+    EXPECT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
+  }
+  ~NoFileDescriptors() { setrlimit(RLIMIT_NOFILE, &before_); }
+
+ private:
+  rlimit before_;
+};
+
 // Root may write anywhere; with this the process is nobody, where it was root.
 class WithoutPrivileges {
  public:

@@ -10,36 +10,13 @@
 #include <string>
 #include <thread>
 
-#include "server/build/mutex.h"
 #include "tests/unit/store/fixture.h"
+#include "tests/unit/store/gate.h"
 
 namespace deltaray {
 namespace {
 
 using ::testing::HasSubstr;
-
-// Holds back whoever passes while it is closed.
-class Gate {
- public:
-  void Close() {
-    MutexLock lock(mutex_);
-    open_ = false;
-  }
-  void Open() {
-    MutexLock lock(mutex_);
-    open_ = true;
-    changed_.notify_all();
-  }
-  void Pass() {
-    MutexLock lock(mutex_);
-    while (!open_) changed_.wait(mutex_);
-  }
-
- private:
-  Mutex mutex_;
-  Condition changed_;
-  bool open_ ABSL_GUARDED_BY(mutex_) = true;
-};
 
 class MeshEntryTest : public ::testing::Test {
  protected:

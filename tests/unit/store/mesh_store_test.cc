@@ -384,5 +384,76 @@ TEST(MeshStoreTest, AReadOnlyDirectoryCanBeQueried) {
   permit(std::filesystem::perms::owner_all);
 }
 
+// Waits until a tree can be had again: a failed build is not tried at once.
+void ExpectRecovers(MeshStore& store, const std::string& mesh) {
+  for (int i = 0; i < 500 && !AwaitTree(store, mesh).ok(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  const auto answer = AwaitTree(store, mesh);
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+}
+
+TEST(MeshStoreTest, AFileThatMayNotBeReadForATimeFailsItsQueriesForThatTime) {
+  ScratchDirectory directory;
+  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
+  const WithoutPrivileges without;
+  const std::string path = directory.path() + "/data";
+  const std::string id = Put(*OpenStore(path), StripObj(1), "a")->info.id;
+  const auto store = OpenStore(path);
+  const std::string file = path + "/meshes/" + id + ".mesh";
+  std::filesystem::permissions(file, std::filesystem::perms::none);
+  const absl::Status status = AwaitTree(*store, "a").status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.ToString(), HasSubstr(file));
+  EXPECT_EQ(store->Get("a")->state, MeshState::kFailed);
+  EXPECT_TRUE(AwaitTree(*store, Put(*store, StripObj(2))->info.id).ok());
+  std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+  ExpectRecovers(*store, "a");
+}
+
+TEST(MeshStoreTest, AFolderThatMayNotBeReadForATimeHidesNothing) {
+  ScratchDirectory directory;
+  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
+  const WithoutPrivileges without;
+  const std::string path = directory.path() + "/data";
+  const auto store = OpenStore(path);
+  ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
+  ASSERT_TRUE(AwaitTree(*store, "a").ok());
+  for (const char* folder : {"/meshes", "/names"}) {
+    std::filesystem::permissions(path + folder, std::filesystem::perms::none);
+    std::this_thread::sleep_for(std::chrono::milliseconds(400));
+    EXPECT_TRUE(AwaitTree(*store, "a").ok()) << folder;
+    EXPECT_EQ(store->Get("b").status().code(),
+              folder == std::string("/names") ? absl::StatusCode::kFailedPrecondition : absl::StatusCode::kNotFound);
+    EXPECT_EQ(Put(*store, StripObj(2), "b").status().code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_EQ(store->Delete("a").status().code(), absl::StatusCode::kFailedPrecondition);
+    std::filesystem::permissions(path + folder, std::filesystem::perms::owner_all);
+  }
+  EXPECT_TRUE(Put(*store, StripObj(2), "b").ok());
+  EXPECT_TRUE(store->Delete("a").ok());
+}
+
+TEST(MeshStoreTest, WithoutFileDescriptorsItAnswersFromMemoryAndRecovers) {
+  ScratchDirectory directory;
+  std::string id;
+  { id = Put(*OpenStore(directory.path()), StripObj(1), "a")->info.id; }
+  const auto store = OpenStore(directory.path());
+  const std::string known = Put(*store, StripObj(2))->info.id;
+  ASSERT_TRUE(AwaitTree(*store, known).ok());
+  {
+    const NoFileDescriptors none;
+    EXPECT_TRUE(AwaitTree(*store, known).ok());
+    EXPECT_EQ(AwaitTree(*store, "a").status().code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(store->Get("unknown").status().code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(store->StartUpload().status().code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(store->Name("b", "a").status().code(), absl::StatusCode::kResourceExhausted);
+    std::this_thread::sleep_for(std::chrono::milliseconds(400));
+    EXPECT_EQ(store->List("", 10).size(), 2u);
+  }
+  ExpectRecovers(*store, "a");
+  EXPECT_TRUE(store->Name("b", "a").ok());
+}
+
 }  // namespace
 }  // namespace deltaray

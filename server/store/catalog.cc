@@ -1,0 +1,104 @@
+#include "server/store/catalog.h"
+
+#include <cstdint>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/store/mesh_name.h"
+
+namespace deltaray {
+
+absl::StatusOr<std::shared_ptr<MeshEntry>> Catalog::Find(absl::string_view mesh) const {
+  MutexLock lock(mutex_);
+  absl::string_view id = mesh;
+  if (!IsMeshId(mesh)) {
+    // A name that may not be one is not repeated in the text.
+    if (!ValidateMeshName(mesh).ok()) return absl::NotFoundError("no mesh: neither a mesh id nor a valid name");
+    const auto name = names_.find(mesh);
+    if (name == names_.end() || meshes_.count(name->second) == 0) {
+      return absl::NotFoundError(absl::StrCat("no mesh is named ", mesh));
+    }
+    id = name->second;
+  }
+  const auto entry = meshes_.find(id);
+  if (entry == meshes_.end()) return absl::NotFoundError(absl::StrCat("no mesh has the id ", id));
+  return entry->second;
+}
+
+MeshInfo Catalog::Info(const MeshEntry& entry) const {
+  MeshInfo info = entry.Info();
+  const std::set<std::string> names = NamesOf(entry.id());
+  info.names.assign(names.begin(), names.end());
+  return info;
+}
+
+std::vector<std::shared_ptr<MeshEntry>> Catalog::List(absl::string_view after_id, size_t limit) const {
+  std::vector<std::shared_ptr<MeshEntry>> page;
+  MutexLock lock(mutex_);
+  for (auto it = meshes_.upper_bound(after_id); it != meshes_.end() && page.size() < limit; ++it) {
+    page.push_back(it->second);
+  }
+  return page;
+}
+
+std::set<std::string> Catalog::NamesOf(absl::string_view id) const {
+  MutexLock lock(mutex_);
+  const auto names = names_of_.find(id);
+  return names == names_of_.end() ? std::set<std::string>() : names->second;
+}
+
+bool Catalog::HasName(absl::string_view name) const {
+  MutexLock lock(mutex_);
+  return names_.find(name) != names_.end();
+}
+
+Catalog::Totals Catalog::totals() const {
+  MutexLock lock(mutex_);
+  return {meshes_.size(), names_.size(), stored_bytes_};
+}
+
+void Catalog::Put(std::shared_ptr<MeshEntry> entry) {
+  MutexLock lock(mutex_);
+  if (!no_waiting_.ok()) entry->StopWaiting(no_waiting_);
+  stored_bytes_ += entry->stored_bytes();
+  meshes_[entry->id()].swap(entry);  // what was there is destroyed after the lock
+  if (entry) stored_bytes_ -= entry->stored_bytes();
+}
+
+std::shared_ptr<MeshEntry> Catalog::Remove(absl::string_view id) {
+  MutexLock lock(mutex_);
+  const auto stored = meshes_.find(id);
+  if (stored == meshes_.end()) return nullptr;
+  std::shared_ptr<MeshEntry> entry = std::move(stored->second);
+  meshes_.erase(stored);
+  stored_bytes_ -= entry->stored_bytes();
+  return entry;
+}
+
+std::string Catalog::MoveName(const std::string& name, const std::string& id) {
+  std::string previous;
+  MutexLock lock(mutex_);
+  if (const auto it = names_.find(name); it != names_.end()) {
+    previous = it->second;
+    if (previous == id) return previous;
+    const auto of = names_of_.find(previous);
+    of->second.erase(name);
+    if (of->second.empty()) names_of_.erase(of);
+    names_.erase(it);
+  }
+  if (!id.empty()) {
+    names_.emplace(name, id);
+    names_of_[id].insert(name);
+  }
+  return previous;
+}
+
+void Catalog::StopWaiting(const absl::Status& status) {
+  {
+    MutexLock lock(mutex_);
+    no_waiting_ = status;
+  }
+  for (const auto& entry : List("", SIZE_MAX)) entry->StopWaiting(status);
+}
+
+}  // namespace deltaray

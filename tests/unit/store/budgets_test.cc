@@ -1,0 +1,190 @@
+// The limits of a store, and what it does at each of them.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <string>
+#include <thread>
+
+#include "tests/unit/store/fixture.h"
+#include "tests/unit/store/gate.h"
+
+namespace deltaray {
+namespace {
+
+using ::testing::HasSubstr;
+
+void ExpectOver(const absl::Status& status, const std::string& limit) {
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  EXPECT_THAT(status.ToString(), HasSubstr(limit));
+}
+
+TEST(BudgetsTest, MeshesAndNamesAreLimited) {
+  ScratchDirectory directory;
+  MeshStore::Options options;
+  options.max_meshes = 2;
+  options.max_names = 3;
+  options.max_names_per_mesh = 2;
+  const auto store = OpenStore(directory.path(), options);
+  ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
+  ASSERT_TRUE(Put(*store, StripObj(2), "b").ok());
+  const std::set<std::string> files = FilesIn(directory.path());
+  ExpectOver(Put(*store, StripObj(3), "a").status(), "limit of 2 meshes is met (max_meshes)");
+  EXPECT_EQ(FilesIn(directory.path()), files);
+  EXPECT_TRUE(Put(*store, StripObj(1), "a").ok());
+
+  ASSERT_TRUE(store->Name("c", "a").ok());
+  ExpectOver(store->Name("d", "a").status(), "limit of 2 names of one mesh is met (max_names_per_mesh)");
+  ExpectOver(Put(*store, StripObj(1), "d").status(), "max_names_per_mesh");
+  ExpectOver(store->Name("d", "b").status(), "limit of 3 names is met (max_names)");
+  EXPECT_TRUE(store->Name("c", "b").ok());  // moves
+  EXPECT_TRUE(store->Name("c", "b").ok());
+  EXPECT_TRUE(store->Name("c", "").ok());
+  EXPECT_TRUE(store->Name("d", "b").ok());
+  EXPECT_TRUE(store->Delete("a").ok());
+  EXPECT_TRUE(Put(*store, StripObj(3), "a").ok());
+}
+
+TEST(BudgetsTest, BytesOnDiskAreLimited) {
+  ScratchDirectory directory;
+  MeshStore::Options options;
+  options.max_stored_bytes = 20'000;
+  const auto store = OpenStore(directory.path(), options);
+  const auto first = Put(*store, StripObj(1, 100));
+  ASSERT_TRUE(first.ok()) << first.status();
+  ASSERT_GT(first->info.stored_bytes, 4'000u);
+  ExpectOver(Put(*store, StripObj(2, 400)).status(), "20000 bytes on disk (max_stored_bytes)");
+  EXPECT_EQ(FilesIn(directory.path()).size(), 1u);
+  EXPECT_TRUE(Put(*store, StripObj(3, 50)).ok());
+  // What is there already takes no more.
+  EXPECT_TRUE(Put(*store, StripObj(1, 100), "a").ok());
+  EXPECT_TRUE(store->Delete("a").ok());
+  EXPECT_TRUE(Put(*store, StripObj(4, 100)).ok());
+}
+
+// Of trees of 6,000 triangles, some 0.5 MB each with their meshes, one stands while another is built, which takes up
+// to 4.1 MB.
+class TreeBytesTest : public ::testing::Test {
+ protected:
+  static constexpr int kSquares = 3000;
+  static MeshStore::Options Options() {
+    MeshStore::Options options;
+    options.tree_bytes = 5'000'000;
+    options.follow_interval = std::chrono::milliseconds(20);
+    return options;
+  }
+  std::string Upload(int number) {
+    const auto put = Put(*store_, StripObj(number, kSquares));
+    EXPECT_TRUE(put.ok()) << put.status();
+    EXPECT_TRUE(AwaitTree(*store_, put->info.id).ok());
+    return put->info.id;
+  }
+  MeshState State(const std::string& id) { return store_->Get(id)->state; }
+
+  ScratchDirectory directory_;
+  std::unique_ptr<MeshStore> store_ = OpenStore(directory_.path(), Options());
+};
+
+TEST_F(TreeBytesTest, TheTreeThatWasNotUsedForLongestMakesRoomAndIsBuiltAgain) {
+  std::vector<std::string> ids;
+  for (int i = 0; i < 8; ++i) {
+    ids.push_back(Upload(i));
+    ASSERT_TRUE(AwaitTree(*store_, ids[0]).ok());
+  }
+  EXPECT_EQ(State(ids[0]), MeshState::kReady);  // asked for all the time
+  EXPECT_EQ(State(ids[1]), MeshState::kStored);
+  EXPECT_EQ(State(ids[7]), MeshState::kReady);
+  EXPECT_EQ(store_->Statistics(ids[1]).status().code(), absl::StatusCode::kFailedPrecondition);
+  for (int i = 0; i < 8; ++i) {
+    const auto answer = AwaitTree(*store_, ids[i], i % 2 == 0);
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_EQ(HitStrip(*answer, i).t, 1);
+  }
+}
+
+TEST_F(TreeBytesTest, TreesInUseCountUntilTheirBatchesEnd) {
+  std::vector<MeshStore::Answer> in_use;
+  for (int i = 0; i < 2; ++i) in_use.push_back(*AwaitTree(*store_, Upload(i)));
+  const auto put = Put(*store_, StripObj(2, kSquares));
+  ASSERT_TRUE(put.ok()) << put.status();
+  auto waits = FutureTree(*store_, put->info.id, true);
+  EXPECT_EQ(waits.wait_for(std::chrono::milliseconds(200)), std::future_status::timeout);
+  EXPECT_EQ(HitStrip(in_use[0], 0).t, 1);
+  in_use.clear();
+  EXPECT_TRUE(waits.get().ok());
+}
+
+TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
+  const std::string small = Upload(1);
+  const auto put = Put(*store_, StripObj(2, 2 * kSquares));
+  ASSERT_TRUE(put.ok()) << put.status();
+  const auto answer = AwaitTree(*store_, put->info.id);
+  ExpectOver(answer.status(), "more than the limit of 5000000 bytes (tree_bytes)");
+  EXPECT_THAT(answer.status().ToString(), HasSubstr("of 12000 triangles"));
+  EXPECT_EQ(State(put->info.id), MeshState::kFailed);
+  EXPECT_EQ(State(small), MeshState::kReady);
+  // A config that takes less may do.
+  Config config = MakeConfig(Builder::kHybrid, Preset::kFast);
+  ASSERT_TRUE(store_->Rebuild(put->info.id, config).ok());
+  EXPECT_TRUE(AwaitTree(*store_, put->info.id).ok());
+}
+
+TEST_F(TreeBytesTest, ARebuildTakesTheRoomOfTheOldTreeWhereThereIsNoOther) {
+  MeshStore::Options options = Options();
+  options.tree_bytes = 4'200'000;
+  store_.reset();
+  store_ = OpenStore(directory_.path(), options);
+  const std::string id = Upload(1);
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(store_->Rebuild(id, {}).ok());
+    const auto answer = AwaitTree(*store_, id);
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+  }
+}
+
+TEST_F(TreeBytesTest, AnUploadThatTakesTooMuchMemoryIsRefused) {
+  const std::string small = Upload(1);
+  ExpectOver(Put(*store_, StripObj(2, 40 * kSquares)).status(), "5000000 bytes (tree_bytes)");
+  EXPECT_EQ(store_->List("", 10).size(), 1u);
+  EXPECT_TRUE(AwaitTree(*store_, small).ok());
+}
+
+TEST_F(TreeBytesTest, ALazyTreeMakesRoomToo) {
+  Config lazy;
+  lazy.lazy = true;
+  const auto put = Put(*store_, StripObj(1, kSquares), "lazy", lazy);
+  ASSERT_TRUE(AwaitTree(*store_, "lazy").ok());
+  Upload(2);
+  EXPECT_EQ(State("lazy"), MeshState::kStored);
+  EXPECT_EQ(HitStrip(*AwaitTree(*store_, "lazy"), 1).t, 1);
+}
+
+TEST(BudgetsTest, BuildsThatWaitAreLimited) {
+  ScratchDirectory directory;
+  Gate gate;
+  MeshStore::Options options;
+  options.max_queued_builds = 1;
+  options.on_delta_leaf = [&] { gate.Pass(); };
+  auto store = OpenStore(directory.path(), options);
+  gate.Close();
+  const std::string building = Put(*store, StripObj(1, 64))->info.id;
+  ASSERT_TRUE(AwaitTree(*store, building, false).ok());
+  const std::string waiting = Put(*store, StripObj(2, 64))->info.id;
+  // Stored all the same.
+  const auto third = Put(*store, StripObj(3, 64));
+  ASSERT_TRUE(third.ok()) << third.status();
+  EXPECT_EQ(store->Get(third->info.id)->state, MeshState::kStored);
+  ExpectOver(AwaitTree(*store, third->info.id).status(), "limit of 1 builds that wait is met (max_queued_builds)");
+  ExpectOver(store->Watch(third->info.id).status(), "max_queued_builds");
+  ExpectOver(store->Rebuild(building, {}).status(), "max_queued_builds");
+  // A mesh that is deleted leaves the queue.
+  EXPECT_TRUE(store->Delete(waiting).ok());
+  auto built = FutureTree(*store, third->info.id, true);
+  gate.Open();
+  EXPECT_TRUE(built.get().ok());
+}
+
+}  // namespace
+}  // namespace deltaray

@@ -1,0 +1,249 @@
+// Several servers on one directory: what one of them changes, all others see.
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/file.h>
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "server/store/sha256.h"
+#include "tests/unit/store/fixture.h"
+
+namespace deltaray {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+// What README.md promises, and some time for a busy machine.
+constexpr std::chrono::seconds kSoon{5};
+
+class SharedDirectoryTest : public ::testing::Test {
+ protected:
+  // Waits until `holds` does.
+  static bool Soon(const std::function<bool()>& holds) {
+    const auto deadline = std::chrono::steady_clock::now() + kSoon;
+    while (!holds()) {
+      if (std::chrono::steady_clock::now() > deadline) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return true;
+  }
+  static bool IsGone(MeshStore& store, const std::string& mesh) {
+    return store.Get(mesh).status().code() == absl::StatusCode::kNotFound;
+  }
+  static Config WithDelta(uint32_t delta) {
+    Config config;
+    config.delta = delta;
+    return config;
+  }
+
+  ScratchDirectory directory_;
+  std::unique_ptr<MeshStore> stores_[3] = {OpenStore(directory_.path()), OpenStore(directory_.path()),
+                                           OpenStore(directory_.path())};
+  MeshStore& a_ = *stores_[0];
+  MeshStore& b_ = *stores_[1];
+  MeshStore& c_ = *stores_[2];
+};
+
+TEST_F(SharedDirectoryTest, AnUploadCanBeQueriedThroughAllAtOnce) {
+  const auto put = Put(a_, StripObj(1), "one", WithDelta(5));
+  ASSERT_TRUE(put.ok()) << put.status();
+  const auto by_name = AwaitTree(b_, "one");
+  ASSERT_TRUE(by_name.ok()) << by_name.status();
+  EXPECT_EQ(HitStrip(*by_name, 1).t, 1);
+  EXPECT_EQ(by_name->id, put->info.id);
+  EXPECT_EQ(b_.Get("one")->config.delta, 5u);
+  const auto by_id = AwaitTree(c_, put->info.id);
+  ASSERT_TRUE(by_id.ok()) << by_id.status();
+  EXPECT_EQ(HitStrip(*by_id, 1).t, 1);
+  // Lists are of what was noticed.
+  EXPECT_TRUE(Soon([&] { return c_.List("", 10).size() == 1; }));
+  EXPECT_TRUE(Soon([&] { return c_.List("", 10)[0].names == std::vector<std::string>{"one"}; }));
+}
+
+TEST_F(SharedDirectoryTest, TreesAreBuiltWhereQueriesArrive) {
+  ASSERT_TRUE(Put(a_, StripObj(1), "one").ok());
+  ASSERT_TRUE(Soon([&] { return b_.List("", 10).size() == 1; }));
+  EXPECT_EQ(b_.Get("one")->state, MeshState::kStored);
+  ASSERT_TRUE(AwaitTree(b_, "one").ok());
+  EXPECT_EQ(c_.Get("one")->state, MeshState::kStored);
+}
+
+TEST_F(SharedDirectoryTest, NamesMoveForAll) {
+  const std::string one = Put(a_, StripObj(1), "name")->info.id;
+  const std::string two = Put(b_, StripObj(2))->info.id;
+  ASSERT_EQ(c_.Get("name")->id, one);
+  EXPECT_EQ(*b_.Name("name", two), one);
+  EXPECT_TRUE(Soon([&] { return a_.Get("name")->id == two && c_.Get("name")->id == two; }));
+  // A store that has not noticed yet still tells what the name pointed at on disk.
+  EXPECT_EQ(*a_.Name("name", one), two);
+  EXPECT_EQ(*b_.Name("name", two), one);
+  EXPECT_EQ(*c_.Name("name", ""), two);
+  EXPECT_TRUE(Soon([&] { return IsGone(a_, "name") && IsGone(b_, "name"); }));
+  EXPECT_EQ(b_.Name("name", "").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_THAT(a_.Get(two)->names, IsEmpty());
+}
+
+TEST_F(SharedDirectoryTest, WhatOneDeletesIsGoneForAllAndBatchesFinish) {
+  const std::string id = Put(a_, StripObj(1), "one")->info.id;
+  const auto answer = AwaitTree(b_, "one");
+  ASSERT_TRUE(answer.ok());
+  EXPECT_EQ(*c_.Delete(id), id);
+  EXPECT_TRUE(Soon([&] { return AwaitTree(b_, id).status().code() == absl::StatusCode::kNotFound; }));
+  EXPECT_TRUE(Soon([&] { return IsGone(a_, "one"); }));
+  EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+  EXPECT_THAT(FilesIn(directory_.path()), IsEmpty());
+}
+
+TEST_F(SharedDirectoryTest, DeletingTakesNamesThatAnotherGaveAMomentAgo) {
+  const std::string id = Put(a_, StripObj(1))->info.id;
+  ASSERT_TRUE(b_.Get(id).ok());
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(a_.Name("name" + std::to_string(i), id).ok());
+  ASSERT_TRUE(b_.Delete(id).ok());
+  EXPECT_THAT(FilesIn(directory_.path()), IsEmpty());
+  // So the mesh, uploaded again, has no name of old.
+  EXPECT_THAT(Put(c_, StripObj(1))->info.names, IsEmpty());
+  EXPECT_TRUE(IsGone(c_, "name1"));
+}
+
+TEST_F(SharedDirectoryTest, ANewConfigRebuildsTheTreesThatStand) {
+  const std::string id = Put(a_, StripObj(1, 64), "one")->info.id;
+  ASSERT_TRUE(AwaitTree(b_, id).ok());
+  ASSERT_TRUE(c_.Get(id).ok());
+  ASSERT_TRUE(a_.Rebuild(id, WithDelta(7)).ok());
+  EXPECT_TRUE(Soon([&] { return b_.Get(id)->config.delta == 7 && c_.Get(id)->config.delta == 7; }));
+  EXPECT_TRUE(Soon([&] { return b_.Statistics(id)->build_number == 2; }));
+  EXPECT_EQ(b_.Statistics(id)->statistics.config.delta, 7u);
+  EXPECT_EQ(c_.Get(id)->state, MeshState::kStored);
+}
+
+TEST_F(SharedDirectoryTest, OfUploadsOfTheSameMeshOneCreatesItAndAllNamesStay) {
+  std::atomic<int> created{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 6; ++i) {
+    threads.emplace_back([&, i] {
+      const auto put = Put(*stores_[i % 3], StripObj(1, 500), "name" + std::to_string(i));
+      ASSERT_TRUE(put.ok()) << put.status();
+      created += put->created;
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(created, 1);
+  EXPECT_EQ(FilesIn(directory_.path()).size(), 7u);
+  for (const auto& store : stores_) {
+    EXPECT_TRUE(Soon([&] { return store->List("", 10).size() == 1 && store->List("", 10)[0].names.size() == 6; }));
+  }
+}
+
+TEST_F(SharedDirectoryTest, AMeshThatOneDeletesWhileAnotherStillServesItCanBeUploadedThere) {
+  const std::string id = Put(a_, StripObj(1), "one", WithDelta(5))->info.id;
+  ASSERT_TRUE(AwaitTree(b_, id).ok());
+  ASSERT_TRUE(a_.Delete(id).ok());
+  // Whether or not it has noticed.
+  const auto again = Put(b_, StripObj(1), "two");
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_TRUE(again->created);
+  EXPECT_THAT(again->info.names, ElementsAre("two"));
+  EXPECT_EQ(again->info.config.delta, Config().delta);
+  EXPECT_TRUE(AwaitTree(c_, "two").ok());
+}
+
+TEST_F(SharedDirectoryTest, ADamagedMeshIsMendedThroughAnyServer) {
+  const std::string id = Put(a_, StripObj(1), "one")->info.id;
+  const std::string path = directory_.path() + "/meshes/" + id + ".mesh";
+  std::string content = ReadFile(path);
+  content.back() ^= 1;
+  WriteFile(path, content);
+  EXPECT_EQ(AwaitTree(b_, id).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(AwaitTree(c_, id).status().code(), absl::StatusCode::kDataLoss);
+  ASSERT_TRUE(Put(b_, StripObj(1)).ok());
+  EXPECT_TRUE(AwaitTree(b_, id).ok());
+  EXPECT_TRUE(Soon([&] { return AwaitTree(c_, id).ok(); }));
+}
+
+TEST_F(SharedDirectoryTest, AServerThatIsStoppedWithinAChangeHoldsUpChangesOnlyForATime) {
+  const std::string id = Put(a_, StripObj(1), "one")->info.id;
+  const int lock = open((directory_.path() + "/lock").c_str(), O_RDWR);
+  ASSERT_EQ(flock(lock, LOCK_EX), 0);
+  EXPECT_TRUE(AwaitTree(b_, "one").ok());
+  const auto named = a_.Name("two", id);
+  EXPECT_EQ(named.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(named.status().ToString(), HasSubstr("lock"));
+  close(lock);
+  EXPECT_TRUE(a_.Name("two", id).ok());
+}
+
+// Random changes by three servers at once: in the end all see what is on disk, and no file is without its mesh.
+TEST_F(SharedDirectoryTest, AllConvergeOnWhatIsOnDisk) {
+  constexpr int kMeshes = 4, kSteps = 80;
+  std::vector<std::thread> threads;
+  for (int server = 0; server < 3; ++server) {
+    threads.emplace_back([&, server] {
+      MeshStore& store = *stores_[server];
+      std::mt19937 random(server);
+      for (int step = 0; step < kSteps; ++step) {
+        const int mesh = static_cast<int>(random() % kMeshes);
+        const std::string name = "name" + std::to_string(random() % 3);
+        switch (random() % 6) {
+          case 0:
+          case 1:
+            ASSERT_TRUE(Put(store, StripObj(mesh, 20), name).ok());
+            break;
+          case 2:
+            store.Delete(name).IgnoreError();
+            break;
+          case 3:
+            store.Name("moving", name).IgnoreError();
+            break;
+          case 4:
+            store.Rebuild(name, WithDelta(1 + random() % 64)).IgnoreError();
+            break;
+          default:
+            if (const auto answer = AwaitTree(store, name); answer.ok()) {
+              const float z = answer->snapshot->mesh->positions[0].z;
+              EXPECT_EQ(HitStrip(*answer, static_cast<int>(z)).t, 1);
+            } else {
+              EXPECT_EQ(answer.status().code(), absl::StatusCode::kNotFound) << answer.status();
+            }
+        }
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+
+  const auto fresh = OpenStore(directory_.path());
+  const std::vector<MeshInfo> truth = fresh->List("", 100);
+  std::set<std::string> files;
+  for (const MeshInfo& info : truth) {
+    files.insert("meshes/" + info.id + ".mesh");
+    if (std::filesystem::exists(directory_.path() + "/configs/" + info.id + ".config")) {
+      files.insert("configs/" + info.id + ".config");
+    }
+    for (const std::string& name : info.names) files.insert("names/" + Sha256::Hex(name) + ".name");
+  }
+  EXPECT_EQ(FilesIn(directory_.path()), files);
+  const auto describe = [](const std::vector<MeshInfo>& infos) {
+    std::string text;
+    for (const MeshInfo& info : infos) {
+      text += info.id + " " + std::to_string(info.config.delta);
+      for (const std::string& name : info.names) text += " " + name;
+      text += "\n";
+    }
+    return text;
+  };
+  for (const auto& store : stores_) {
+    EXPECT_TRUE(Soon([&] { return describe(store->List("", 100)) == describe(truth); }));
+  }
+}
+
+}  // namespace
+}  // namespace deltaray
