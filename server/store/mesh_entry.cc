@@ -125,7 +125,9 @@ absl::StatusOr<BuildReport> MeshEntry::Watch() {
   return report;
 }
 
-bool MeshEntry::MayTryAgain() const { return std::chrono::steady_clock::now() - failed_at_ >= kTryAgain; }
+bool MeshEntry::MayTryAgain() const {
+  return std::chrono::steady_clock::now() - failed_at_ >= kTryAgain || absl::IsNotFound(current_->status());
+}
 
 BuildReport MeshEntry::CurrentReport() const {
   BuildReport report = current_->Report();

@@ -45,8 +45,8 @@ absl::StatusOr<v1::Mesh> GetMesh(Connection& connection, const std::string& mesh
   v1::GetMeshRequest request;
   request.set_mesh(mesh);
   v1::GetMeshResponse response;
-  const absl::Status status = connection.Call(
-      [&](grpc::ClientContext* context) { return connection.meshes().GetMesh(context, request, &response); });
+  const absl::Status status = connection.CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection.meshes().GetMesh(context, request, &response); });
   if (!status.ok()) return status;
   return response.mesh();
 }
@@ -56,8 +56,8 @@ absl::StatusOr<std::vector<v1::Mesh>> ListMeshes(Connection& connection) {
   v1::ListMeshesRequest request;
   do {
     v1::ListMeshesResponse response;
-    const absl::Status status = connection.Call(
-        [&](grpc::ClientContext* context) { return connection.meshes().ListMeshes(context, request, &response); });
+    const absl::Status status = connection.CallOnce(
+        "", [&](grpc::ClientContext* context) { return connection.meshes().ListMeshes(context, request, &response); });
     if (!status.ok()) return status;
     meshes.insert(meshes.end(), response.meshes().begin(), response.meshes().end());
     request.set_page_token(response.next_page_token());
@@ -70,8 +70,8 @@ absl::Status NameMesh(Connection& connection, const std::string& name, const std
   request.set_name(name);
   request.set_mesh(mesh);
   v1::NameMeshResponse response;
-  return connection.Call(
-      [&](grpc::ClientContext* context) { return connection.meshes().NameMesh(context, request, &response); });
+  return connection.CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection.meshes().NameMesh(context, request, &response); });
 }
 
 absl::Status RebuildMesh(Connection& connection, const std::string& mesh, uint32_t delta) {
@@ -79,8 +79,8 @@ absl::Status RebuildMesh(Connection& connection, const std::string& mesh, uint32
   request.set_mesh(mesh);
   request.mutable_build_options()->set_delta(delta);
   v1::RebuildMeshResponse response;
-  return connection.Call(
-      [&](grpc::ClientContext* context) { return connection.meshes().RebuildMesh(context, request, &response); });
+  return connection.CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection.meshes().RebuildMesh(context, request, &response); });
 }
 
 }  // namespace deltaray
