@@ -111,7 +111,7 @@ void BatchBudget::Tick(steady_clock::time_point now) {
     silent = true;
   }
   if (silent) first_expectation_ = std::max(first_expectation_ / 2, kFreeBytes);
-  if (now - Oldest()->since_ >= kStall) TakeBackReplies(now);
+  TakeBackReplies(now);
   Serve();
 }
 

@@ -11,8 +11,15 @@ namespace {
 
 void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
   BatchJob::Answer answer;
+  // Between two pieces, batches that take less long get their turn; not on threads of gRPC, where small ones are
+  // traced.
+  const bool on_tracer = !IsSmall(job.query, job.rays.rays.size);
+  const std::function<bool()> cancelled = [&] {
+    if (on_tracer) backend.tracer->RunShort();
+    return job.cancelled();
+  };
   const absl::Status status = CatchExceptions([&] {
-    absl::StatusOr<grpc::Slice> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, job.cancelled);
+    absl::StatusOr<grpc::Slice> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, cancelled);
     if (!hits.ok()) return hits.status();
     backend.store->NoteAnswer(tree);
     answer = {tree.id, *std::move(hits)};

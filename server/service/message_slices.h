@@ -31,7 +31,8 @@ class MessageSlices {
 
  private:
   // Goes last: gRPC 1.51 gives memory back to its quota when the last holder of a slice goes, and crashes where that
-  // wakes up what waits for memory and the thread is not one of its own. A ByteBuffer provides for that, a Slice does not.
+  // wakes up what waits for memory and the thread is not one of its own. A ByteBuffer provides for that, a Slice does
+  // not.
   grpc::ByteBuffer owner_;
   std::vector<grpc::Slice> slices_;
   std::vector<size_t> starts_;  // offset of the first byte of each slice

@@ -81,8 +81,7 @@ void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
   call.ReplyWithShare(status, std::move(reply));
 }
 
-absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes,
-                           bool on_tracer) {
+absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes) {
   const uint64_t message_bytes = bytes.Length();
   v1::CastRaysRequest request;
   auto job = std::make_shared<BatchJob>();
@@ -97,10 +96,17 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Batc
       call->MayBegin(message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
                      backend.tracer, [backend, job] { RunBatch(backend, job); });
   if (!now.ok() || !*now) return now.status();
-  if (on_tracer || IsSmall(*query, job->rays.rays.size)) {
+  const size_t rays_bytes = job->rays.rays.size;
+  if (IsSmall(*query, rays_bytes)) {
     RunBatch(backend, std::move(job));
+    return absl::OkStatus();
+  }
+  // A task of its own, also on the tracer: how long it takes is known only now.
+  const auto run = [backend, job = std::move(job)] { RunBatch(backend, job); };
+  if (IsShort(*query, rays_bytes)) {
+    backend.tracer->EnqueueShort(run);
   } else {
-    backend.tracer->Enqueue([backend, job = std::move(job)] { RunBatch(backend, job); });
+    backend.tracer->Enqueue(run);
   }
   return absl::OkStatus();
 }
@@ -153,12 +159,12 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* con
   auto call = BatchCall::Make(calls_, response, backend_.budget);
   if (!BatchCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
-  auto answer = [backend = backend_, call, bytes = *request, on_tracer] {
-    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, on_tracer); });
+  auto answer = [backend = backend_, call, bytes = *request] {
+    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes); });
     if (!status.ok()) call->Reply(status, {});
   };
   if (on_tracer) {
-    backend_.tracer->Enqueue(std::move(answer));
+    backend_.tracer->EnqueueShort(std::move(answer));
   } else {
     answer();
   }

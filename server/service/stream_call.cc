@@ -223,10 +223,14 @@ void StreamCall::Work(const std::vector<BatchPointer>& batches) {
         MutexLock lock(mutex_);
         target = target_;
       }
-      if (IsSmall(target->query, batch->request.Length())) {
-        Answer(batch);
+      const size_t bytes = batch->request.Length();
+      const auto answer = [self, batch] { self->Answer(batch); };
+      if (IsSmall(target->query, bytes)) {
+        answer();
+      } else if (IsShort(target->query, bytes)) {
+        backend_.tracer->EnqueueShort(answer);
       } else {
-        backend_.tracer->Enqueue([self, batch] { self->Answer(batch); });
+        backend_.tracer->Enqueue(answer);
       }
       return absl::OkStatus();
     });

@@ -72,11 +72,16 @@ check() { # check TEXT AWK_CONDITION
 check "memory over the budgets" "$peak <= $base + $batch_mb + $network_mb"
 # The shorter run is over before the memory has settled.
 [ -n "$quick" ] || check "memory grows" "$peak <= $first_peak * $max_growth"
-if [ "$probe_code" -eq 0 ]; then
+# A machine that wakes the probe itself that late tells nothing of the server; the long run is for one that does not.
+unjudged=
+if [ -n "$quick" ] && [ "$probe_code" -eq 0 ] && awk "BEGIN { exit !($(number own) > 10) }"; then
+  unjudged=" (times not judged: the machine is busy)"
+fi
+if [ "$probe_code" -eq 0 ] && [ -z "$unjudged" ]; then
   check "small calls are late" "$(number calls) <= $max_p99"
   check "health checks are late" "$(number health) <= $max_p99"
 fi
 check "no full speed afterwards" "${speed_after% *} >= $min_recovery * ${speed_before% *}"
 echo "overload, $seconds s: $(cat "$scratch/load"); $(cat "$scratch/probe"); memory $base MB before, $peak MB at most" \
-  "(budgets $batch_mb + $network_mb MB); one stream $speed_before before, $speed_after after${failed:+: FAILED$failed}"
+  "(budgets $batch_mb + $network_mb MB); one stream $speed_before before, $speed_after after$unjudged${failed:+: FAILED$failed}"
 [ -z "$failed" ]

@@ -90,16 +90,16 @@ tell disk
 expect 0 client upload --name large "$scratch/large.obj"
 
 # --- stopped and killed clients
-torture load --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
+"$bin/deltaray_torture" load --server "$address" --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
 stopped=$!
-torture load --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
+"$bin/deltaray_torture" load --server "$address" --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
 killed=$!
-sleep 3
-pkill -STOP -P "$stopped"
-pkill -KILL -P "$killed"
+sleep 4
+kill -STOP "$stopped"
+kill -KILL "$killed"
 works "clients that stop and die"
 speed=$(torture speed --seconds 1)
-pkill -KILL -P "$stopped"
+kill -KILL "$stopped"
 wait "$stopped" "$killed" 2>/dev/null || true
 works "clients that stop and die"
 tell "clients stopped and killed ($speed beside 32 stopped streams)"
