@@ -7,28 +7,34 @@
 #include "client/enum_names.h"
 #include "client/exit_code.h"
 #include "client/progress_bar.h"
+#include "client/retry.h"
 #include "client/text_table.h"
 
 namespace deltaray {
 
 absl::Status WatchBuild(Connection& connection, const Session& session, const std::string& mesh,
                         absl::FunctionRef<absl::Status(const v1::WatchBuildResponse&)> report) {
-  grpc::ClientContext context;
-  const StopSignal::Scope scope(connection.stop(), context);
   v1::WatchBuildRequest request;
   request.set_mesh(mesh);
-  const auto reader = connection.meshes().WatchBuild(&context, request);
-
   ProgressBar bar(session.messages, session.show_progress);
-  absl::Status report_status;
   v1::WatchBuildResponse response;
-  while (report_status.ok() && reader->Read(&response)) {
-    bar.Update(BuildFraction(response.progress()), BuildText(response.progress()));
-    report_status = report(response);
-  }
-  if (!report_status.ok()) context.TryCancel();
-  const grpc::Status rpc_status = reader->Finish();
-  if (!report_status.ok()) return report_status;
+  Retry retry(session);
+  grpc::Status rpc_status;
+  do {
+    grpc::ClientContext context;
+    connection.Prepare(mesh, &context);
+    const StopSignal::Scope scope(connection.stop(), context);
+    const auto reader = connection.meshes().WatchBuild(&context, request);
+    absl::Status report_status;
+    while (report_status.ok() && reader->Read(&response)) {
+      retry.Succeeded();
+      bar.Update(BuildFraction(response.progress()), BuildText(response.progress()));
+      report_status = report(response);
+    }
+    if (!report_status.ok()) context.TryCancel();
+    rpc_status = WithRequestId(reader->Finish(), context);
+    if (!report_status.ok()) return report_status;
+  } while (retry.Again(rpc_status));
   if (!rpc_status.ok()) return connection.Result(rpc_status);
   if (response.progress().state() == v1::MESH_STATE_FAILED) {
     return LocalError(absl::StrCat("the build failed: ", response.progress().failure()));

@@ -26,6 +26,7 @@ void AddCommands(CLI::App& app, CommandRun& run) {
   AddCastCommand(app, run);
   AddRenderCommand(app, run);
   AddChartCommand(app, run);
+  AddHealthCommand(app, run);
   app.require_subcommand(1);
   // --server and --timeout may also stand behind the command.
   for (CLI::App* command : app.get_subcommands({})) command->fallthrough();
@@ -41,6 +42,14 @@ void AddGlobalFlags(CLI::App& app, Session& session) {
       ->check(CLI::Range(0.001, 86400.0))
       ->type_name("SECONDS")
       ->capture_default_str();
+  app.add_option("--retry-for", session.retry_seconds,
+                 "Time to ask again for what changes nothing, while a server that was reached is lost, in seconds; 0: "
+                 "never")
+      ->envname("DELTARAY_RETRY_FOR")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->type_name("SECONDS")
+      ->capture_default_str();
+  AddSecurityFlags(app, session.security);
   app.set_version_flag("--version", "deltaray " DELTARAY_VERSION);
 }
 

@@ -1,10 +1,16 @@
 #include "client/connection.h"
 
 #include <chrono>
+#include <optional>
 #include <string>
+#include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/exit_code.h"
+#include "client/retry.h"
+#include "client/tls.h"
 #include "grpcpp/create_channel.h"
 #include "grpcpp/security/credentials.h"
 #include "grpcpp/support/channel_arguments.h"
@@ -20,6 +26,10 @@ constexpr int kMaxMessageBytes = 64 << 20;
 constexpr int kKeepaliveMs = 360'000;
 constexpr int kKeepaliveTimeoutMs = 20'000;
 
+// How soon, and how often at most, a connection that was lost is tried again.
+constexpr int kReconnectMs = 100;
+constexpr int kLongestReconnectMs = 1000;
+
 // How long a stop of the program may go unnoticed while connecting.
 constexpr std::chrono::milliseconds kPollInterval(100);
 
@@ -32,44 +42,99 @@ absl::Status Unreachable(const Session& session, absl::string_view reason) {
                               absl::StrCat("cannot reach deltarayd at ", session.server, ": ", reason)));
 }
 
+// Why no connection came about.
+std::string Reason(const Session& session, const std::optional<Tls>& tls) {
+  const std::string reason = tls.has_value()                   ? tls->WhyNot(session.server)
+                             : Tls::IsSpokenBy(session.server) ? "the server there speaks TLS: see --tls and --ca"
+                                                               : "";
+  return reason.empty() ? "no server answers there" : reason;
+}
+
+// Metadata holds only printable ASCII.
+std::string MetadataText(absl::string_view mesh) {
+  std::string text;
+  for (const char c : mesh) {
+    if (absl::ascii_isgraph(c) && c != '%') {
+      text += c;
+    } else {
+      absl::StrAppendFormat(&text, "%%%02X", static_cast<unsigned char>(c));
+    }
+  }
+  return text;
+}
+
 }  // namespace
 
-Connection::Connection(const Session& session, std::shared_ptr<grpc::Channel> channel)
-    : session_(&session), meshes_(v1::MeshService::NewStub(channel)), rays_(v1::RayService::NewStub(channel)) {}
+Connection::Connection(const Session& session, std::string token, std::shared_ptr<grpc::Channel> channel)
+    : session_(&session),
+      token_(std::move(token)),
+      meshes_(v1::MeshService::NewStub(channel)),
+      rays_(v1::RayService::NewStub(channel)),
+      health_(grpc::health::v1::Health::NewStub(channel)) {}
 
 absl::StatusOr<Connection> Connection::Open(const Session& session) {
+  absl::StatusOr<std::string> token = ReadToken(session.security, session.server);
+  if (!token.ok()) return token.status();
+  std::optional<Tls> tls;
+  if (session.security.UsesTls()) {
+    absl::StatusOr<Tls> read = Tls::Read(session.security);
+    if (!read.ok()) return read.status();
+    tls = *std::move(read);
+  }
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(kMaxMessageBytes);
   arguments.SetUserAgentPrefix("deltaray");
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, kReconnectMs);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kLongestReconnectMs);
+  // gRPC's own retries would have to know which calls may be made twice.
+  arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
   // Without this, connections of one process to one server would share a socket, and gRPC serves that by one thread.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  auto channel = grpc::CreateCustomChannel(session.server, grpc::InsecureChannelCredentials(), arguments);
+  auto channel = grpc::CreateCustomChannel(session.server,
+                                           tls ? tls->Credentials() : grpc::InsecureChannelCredentials(), arguments);
 
   // Connect before the first RPC, so that "nobody is there" is told apart from an UNAVAILABLE that a server answers.
   const auto deadline = After(session.timeout_seconds);
   while (true) {
     const grpc_connectivity_state state = channel->GetState(/*try_to_connect=*/true);
     if (state == GRPC_CHANNEL_READY) break;
-    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) return Unreachable(session, "no server answers there");
+    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) return Unreachable(session, Reason(session, tls));
     if (session.stop.fired()) return Interrupted();
     const auto now = std::chrono::system_clock::now();
     if (now >= deadline) return Unreachable(session, absl::StrCat("no answer within ", session.timeout_seconds, " s"));
     channel->WaitForStateChange(state, std::min(deadline, now + kPollInterval));
   }
-  return Connection(session, std::move(channel));
+  return Connection(session, *std::move(token), std::move(channel));
 }
 
-absl::Status Connection::Call(absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
+void Connection::Prepare(absl::string_view mesh, grpc::ClientContext* context) const {
+  if (!token_.empty()) context->AddMetadata("authorization", absl::StrCat("Bearer ", token_));
+  if (!mesh.empty()) context->AddMetadata("deltaray-mesh", MetadataText(mesh));
+}
+
+grpc::Status Connection::Call(absl::string_view mesh, absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
   grpc::ClientContext context;
+  Prepare(mesh, &context);
   context.set_deadline(After(session_->timeout_seconds));
   const StopSignal::Scope scope(session_->stop, context);
-  const grpc::Status status = call(&context);
-  if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) return Result(status);
-  return FromRpc(grpc::Status(status.error_code(),
-                              absl::StrCat("no answer within ", session_->timeout_seconds, " s; see --timeout")));
+  grpc::Status status = WithRequestId(call(&context), context);
+  if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) return status;
+  return {status.error_code(), absl::StrCat("no answer within ", session_->timeout_seconds, " s; see --timeout")};
+}
+
+absl::Status Connection::CallOnce(absl::string_view mesh, absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
+  return Result(Call(mesh, call));
+}
+
+absl::Status Connection::CallAgain(absl::string_view mesh, absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
+  Retry retry(*session_);
+  while (true) {
+    const grpc::Status status = Call(mesh, call);
+    if (!retry.Again(status)) return Result(status);
+  }
 }
 
 absl::Status Connection::Result(const grpc::Status& status) {

@@ -35,6 +35,14 @@ absl::Status FromRpc(const grpc::Status& status) {
   return WithExitCode(static_cast<absl::StatusCode>(code), status.error_message(), kExitRpcBase + code);
 }
 
+grpc::Status WithRequestId(const grpc::Status& status, const grpc::ClientContext& context) {
+  const auto& trailers = context.GetServerTrailingMetadata();
+  const auto id = trailers.find("x-request-id");
+  if (status.ok() || id == trailers.end()) return status;
+  return {status.error_code(), absl::StrCat(status.error_message(), " (request ",
+                                            absl::string_view(id->second.data(), id->second.size()), ")")};
+}
+
 absl::Status Interrupted() { return FromRpc(grpc::Status(grpc::StatusCode::CANCELLED, "interrupted")); }
 
 absl::Status OutputClosed() { return WithExitCode(absl::StatusCode::kCancelled, "output closed", 0); }

@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+#include "grpcpp/client_context.h"
 #include "grpcpp/support/status.h"
 
 namespace deltaray {
@@ -27,6 +28,10 @@ absl::Status UsageError(absl::string_view message);
 
 // What an RPC ended with: OK, or its code and text. Exit code 64 + code.
 absl::Status FromRpc(const grpc::Status& status);
+
+// `status` of a call that has ended; the text of an error also tells the request id that the server gave the call, by
+// which its log tells more.
+grpc::Status WithRequestId(const grpc::Status& status, const grpc::ClientContext& context);
 
 // The program was told to stop. Exit code 64 + CANCELLED.
 absl::Status Interrupted();

@@ -76,8 +76,8 @@ absl::StatusOr<std::vector<Start>> FindStarts(Connection& connection, const v1::
   }
   AddCameraRays(camera, kStartsSide, kRays, request.mutable_rays()->mutable_rays());
   v1::CastRaysResponse response;
-  const absl::Status status = connection.Call(
-      [&](grpc::ClientContext* context) { return connection.rays().CastRays(context, request, &response); });
+  const absl::Status status = connection.CallAgain(
+      mesh.id(), [&](grpc::ClientContext* context) { return connection.rays().CastRays(context, request, &response); });
   if (!status.ok()) return status;
   const v1::HitBatch& hits = response.hits();
   if (hits.t().size() != kRays * 4 || hits.primitive_id().size() != kRays * 4 || hits.normal().size() != kRays * 12) {

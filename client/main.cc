@@ -4,6 +4,7 @@
 
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 
 #include "client/command_line.h"
 #include "client/stop_signal.h"
@@ -11,6 +12,8 @@
 int main(int argc, char** argv) {
   // A reader that goes away shows as an error of the write, so that the RPC can be ended in order.
   std::signal(SIGPIPE, SIG_IGN);
+  // What gRPC logs of failures is in our own messages, and for people.
+  setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);
   // Never destroyed: the thread that waits for signals outlives main.
   static deltaray::StopSignal& stop = *new deltaray::StopSignal;
   deltaray::StopOnSignals(stop);
@@ -23,5 +26,6 @@ int main(int argc, char** argv) {
       .server = "127.0.0.1:7878",
       .timeout_seconds = 10,
   };
+  if (const char* const token = std::getenv("DELTARAY_TOKEN")) session.security.token = token;
   return deltaray::RunCommandLine(argc, argv, session);
 }

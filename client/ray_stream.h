@@ -27,9 +27,12 @@ using NextBatch = absl::FunctionRef<absl::StatusOr<bool>(OutgoingBatch&)>;
 // Takes the answer to the next batch. Runs on the calling thread, in order.
 using TakeHits = absl::FunctionRef<absl::Status(const v1::HitBatch&)>;
 
-// Runs one StreamRays RPC to its end. The first error of `next`, of `take` or of the RPC ends it and is returned; no
-// thread and no RPC is left behind. Checks what the server answers against what was asked: batch numbers, ray counts,
-// and the trailing metadata `deltaray-batches`.
+// Streams all batches. The first error of `next`, of `take` or of the RPC ends it and is returned; no thread and no RPC
+// is left behind. Checks what the server answers against what was asked: batch numbers, ray counts, the mesh, and the
+// trailing metadata `deltaray-batches`.
+//
+// A stream that is lost with its server is resumed, by the rules of Retry: a new RPC begins with the first batch that
+// is not answered, for the mesh id of the answers so far. Each batch is answered once, in order, all of one mesh.
 absl::Status StreamBatches(Connection& connection, const v1::StreamStart& start, NextBatch next, TakeHits take);
 
 }  // namespace deltaray

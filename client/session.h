@@ -1,4 +1,4 @@
-// What a command runs with: its streams, the server's address, and the switch that stops it.
+// What a command runs with: its streams, how the server is reached, and the switch that stops it.
 
 #ifndef CLIENT_SESSION_H_
 #define CLIENT_SESSION_H_
@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string>
 
+#include "client/security_flags.h"
 #include "client/stop_signal.h"
 
 namespace deltaray {
@@ -24,6 +25,9 @@ struct Session {
   std::string server;
   // Seconds that connecting may take, and each RPC that returns at once.
   double timeout_seconds;
+  // Seconds that what may be asked again is asked again, while the server is lost. 0: never.
+  double retry_seconds = 30;
+  SecurityFlags security = {};
 };
 
 }  // namespace deltaray

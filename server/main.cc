@@ -10,10 +10,14 @@
 #include <fstream>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "CLI/CLI.hpp"
-#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "server/service/exit_deadline.h"
 #include "server/service/listen_address.h"
+#include "server/service/log.h"
+#include "server/service/security_options.h"
 #include "server/service/server.h"
 #include "spdlog/sinks/stdout_color_sinks.h"
 #include "spdlog/spdlog.h"
@@ -23,6 +27,9 @@ namespace {
 
 constexpr int kFailure = 1;
 constexpr int kUsage = 2;
+constexpr int kHung = 3;
+// What the end may take after the drain, until it counts as hung.
+constexpr std::chrono::seconds kEndTime{10};
 
 constexpr char kFooter[] =
     R"(Every flag can be given by the environment too: --data-dir as DELTARAY_DATA_DIR. The flag comes first.
@@ -31,18 +38,23 @@ Sizes take suffixes: 64MB, 4GB (powers of 1024).
 Examples:
   deltarayd                                        serve this machine from ./deltaray-data at port 7878
   deltarayd --data-dir /var/lib/deltaray --listen 127.0.0.1:0 --port-file port
+  deltarayd --listen 0.0.0.0:7878 --tls-cert server.pem --tls-key server.key --token-file tokens
   DELTARAY_THREADS=8 deltarayd --insecure-listen --listen 0.0.0.0:7878
 
-Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag.
+Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag; 3 where something hung
+until 10 s after the drain.
 The first SIGTERM or SIGINT lets batches under way finish, the second one ends the server at once.)";
 
 struct Flags {
   ServerOptions server;
   std::string port_file;
   std::string log_level = "info";
+  std::string log_format = "text";
   bool insecure_listen = false;
+  bool insecure_metrics_listen = false;
   double drain_seconds = 10;
   double idle_seconds = 300;
+  double watchdog_seconds = 5;
 };
 
 // Adds a flag that has an environment variable, and shows its default.
@@ -63,11 +75,35 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_flag("--insecure-listen", flags.insecure_listen,
                "Listen at an address that other machines can reach, without encryption")
       ->envname("DELTARAY_INSECURE_LISTEN")
-      ->group("Network");
+      ->group("Security");
+  AddFlag(app, "Security", "tls-cert", server.security.tls_cert,
+          "Certificate in PEM, then those that lead to its authority: encrypts all connections");
+  AddFlag(app, "Security", "tls-key", server.security.tls_key, "Private key of that certificate in PEM");
+  AddFlag(app, "Security", "tls-client-ca", server.security.tls_client_ca,
+          "Authorities in PEM: lets in only clients that have a certificate of one of them");
+  AddFlag(app, "Security", "token-file", server.security.token_file,
+          "Lets in only calls with a token of this file; a line: read or write, and the token's SHA-256");
   AddFlag(app, "Network", "port-file", flags.port_file, "File to write the port to once the server listens");
   AddFlag(app, "Network", "drain-timeout", flags.drain_seconds,
           "Seconds that calls under way get to finish after SIGTERM")
       ->check(CLI::Range(0.0, 86400.0));
+
+  AddFlag(app, "Metrics", "metrics-listen", server.metrics_listen,
+          "Address at which Prometheus fetches /metrics: host:port. Empty: nowhere")
+      ->check([](const std::string& address) { return std::string(ValidateMetricsAddress(address).message()); });
+  app.add_flag("--insecure-metrics-listen", flags.insecure_metrics_listen,
+               "Show metrics at an address that other machines can reach, to whoever asks")
+      ->envname("DELTARAY_INSECURE_METRICS_LISTEN")
+      ->group("Metrics");
+
+  app.add_flag("--channelz", server.channelz,
+               "Tell of connections and calls by gRPC's channelz, to whoever asks, without a token")
+      ->envname("DELTARAY_CHANNELZ")
+      ->group("Metrics");
+
+  AddFlag(app, "Network", "watchdog-interval", flags.watchdog_seconds,
+          "Seconds between two looks of the server at whether it accepts connections and answers")
+      ->check(CLI::Range(0.1, 3600.0));
 
   AddFlag(app, "Storage", "data-dir", server.store.data_directory,
           "Directory that meshes are kept in; made if missing");
@@ -114,6 +150,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
 
   AddFlag(app, "Log", "log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
+  AddFlag(app, "Log", "log-format", flags.log_format, "Lines for people, or an object of JSON a line")
+      ->check(CLI::IsMember({"text", "json"}));
 }
 
 // One file descriptor a connection: take as many as the system lets us.
@@ -133,6 +171,20 @@ bool WritePortFile(const std::string& path, int port) {
   std::error_code error;
   if (file) std::filesystem::rename(temporary, path, error);
   return file && !error;
+}
+
+// Tells the version and every flag, given or not. None of them is a secret: those name files.
+void LogConfiguration(const CLI::App& app) {
+  std::vector<std::pair<std::string, std::string>> values{{"version", DELTARAY_VERSION}};
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_envname().empty()) continue;  // --help, --version
+    const std::string given = absl::StrJoin(option->results(), ",");
+    const std::string unset = option->get_items_expected_max() == 0 ? "false" : option->get_default_str();
+    values.emplace_back(option->get_lnames().at(0), option->count() == 0 ? unset : given);
+  }
+  LogFields fields;
+  for (const auto& [name, value] : values) fields.emplace_back(name, value);
+  LogEvent(spdlog::level::info, "deltarayd starts", fields);
 }
 
 int Run(const Flags& flags) {
@@ -157,18 +209,17 @@ int Run(const Flags& flags) {
     spdlog::critical("can not write the port to {}", flags.port_file);
     return kFailure;
   }
-  spdlog::info(
-      "deltarayd {} listens at {}, port {}: data directory {}, {} tracing threads, {} threads a build, {} builds at "
-      "once, at most {} rays a batch, {} bytes a message, {} bytes an upload, {} triangles a mesh",
-      DELTARAY_VERSION, options.listen, (*server)->port(), options.store.data_directory, (*server)->threads(),
-      options.store.build_threads == 0 ? std::string("all") : absl::StrCat(options.store.build_threads),
-      options.store.concurrent_builds, options.batch.max_rays, options.batch.max_message_bytes,
-      options.store.max_upload_bytes, options.store.mesh_limits.max_triangles);
+  LogEvent(spdlog::level::info, "listens",
+           {{"address", options.listen},
+            {"port", int64_t{(*server)->port()}},
+            {"metrics_port", int64_t{(*server)->metrics_port()}},
+            {"tracing_threads", int64_t{(*server)->threads()}}});
 
   int received = 0;
   sigwait(&signals, &received);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   spdlog::info("{}: draining, for at most {} s", received == SIGTERM ? "SIGTERM" : "SIGINT", flags.drain_seconds);
+  const ExitDeadline deadline(options.drain_timeout + kEndTime, kHung);
   if (!(*server)->Drain()) spdlog::warn("some calls were cut off");
   server->reset();
   spdlog::info("ended");
@@ -187,17 +238,27 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : kUsage;
   }
-  if (!flags.insecure_listen && !IsLoopback(flags.server.listen)) {
+  const ServerOptions& server = flags.server;
+  if (absl::Status status = ValidateSecurity(server.security, server.listen, flags.insecure_listen); !status.ok()) {
+    std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
+    return kUsage;
+  }
+  const std::string& metrics_listen = flags.server.metrics_listen;
+  if (!flags.insecure_metrics_listen && !metrics_listen.empty() && !IsLoopback(metrics_listen)) {
     std::fprintf(stderr,
-                 "--listen: other machines can reach %s, and the connection is not encrypted; "
-                 "say --insecure-listen if that is meant\n",
-                 flags.server.listen.c_str());
+                 "--metrics-listen: other machines can reach %s, and metrics are shown to whoever asks; "
+                 "say --insecure-metrics-listen if that is meant\n",
+                 metrics_listen.c_str());
     return kUsage;
   }
   flags.server.drain_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.drain_seconds * 1000));
+  flags.server.watchdog_interval = std::chrono::milliseconds(static_cast<int64_t>(flags.watchdog_seconds * 1000));
   flags.server.idle_timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.idle_seconds * 1000));
   spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
+  spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
+  TakeGrpcLog();
+  LogConfiguration(app);
   return Run(flags);
 }
 

@@ -104,8 +104,8 @@ absl::Status Chart(const ChartOptions& options, const Session& session) {
   v1::GetMeshRequest get;
   get.set_mesh(request.mesh());
   v1::GetMeshResponse mesh;
-  absl::Status status =
-      connection->Call([&](grpc::ClientContext* context) { return connection->meshes().GetMesh(context, get, &mesh); });
+  absl::Status status = connection->CallAgain(
+      get.mesh(), [&](grpc::ClientContext* context) { return connection->meshes().GetMesh(context, get, &mesh); });
   if (!status.ok()) return status;
   // By id, so that a name that moves meanwhile does not bring in another mesh.
   request.set_mesh(mesh.mesh().id());
@@ -117,8 +117,9 @@ absl::Status Chart(const ChartOptions& options, const Session& session) {
     if (!status.ok()) return status;
   }
   v1::CompareAccuracyResponse response;
-  status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->rays().CompareAccuracy(context, request, &response); });
+  status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
+    return connection->rays().CompareAccuracy(context, request, &response);
+  });
   if (!status.ok()) return status;
   status = CheckReply(response);
   return status.ok() ? WriteResult(options, session, response) : status;

@@ -27,6 +27,7 @@ void AddDeleteCommand(CLI::App& app, CommandRun& run);
 void AddCastCommand(CLI::App& app, CommandRun& run);
 void AddRenderCommand(CLI::App& app, CommandRun& run);
 void AddChartCommand(CLI::App& app, CommandRun& run);
+void AddHealthCommand(CLI::App& app, CommandRun& run);
 
 }  // namespace deltaray
 

@@ -15,8 +15,8 @@ absl::Status Delete(const std::string& mesh, const Session& session) {
   v1::DeleteMeshRequest request;
   request.set_mesh(mesh);
   v1::DeleteMeshResponse response;
-  absl::Status status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->meshes().DeleteMesh(context, request, &response); });
+  absl::Status status = connection->CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection->meshes().DeleteMesh(context, request, &response); });
   if (!status.ok()) return status;
   return WriteOutput(session.output, absl::StrCat(response.id(), "\n"));
 }

@@ -31,8 +31,8 @@ absl::Status List(DataFormat format, const Session& session) {
   request.set_page_size(kPageSize);
   do {
     v1::ListMeshesResponse page;
-    absl::Status status = connection->Call(
-        [&](grpc::ClientContext* context) { return connection->meshes().ListMeshes(context, request, &page); });
+    absl::Status status = connection->CallAgain(
+        "", [&](grpc::ClientContext* context) { return connection->meshes().ListMeshes(context, request, &page); });
     if (!status.ok()) return status;
     request.set_page_token(page.next_page_token());
     if (format == DataFormat::kTable) {

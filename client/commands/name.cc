@@ -26,8 +26,9 @@ absl::Status Name(const NameOptions& options, const Session& session) {
   request.set_name(options.name);
   request.set_mesh(options.mesh);
   v1::NameMeshResponse response;
-  absl::Status status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->meshes().NameMesh(context, request, &response); });
+  absl::Status status = connection->CallOnce(request.mesh(), [&](grpc::ClientContext* context) {
+    return connection->meshes().NameMesh(context, request, &response);
+  });
   if (!status.ok() || response.previous_id().empty()) return status;
   return WriteOutput(session.output, absl::StrCat(response.previous_id(), "\n"));
 }

@@ -20,7 +20,7 @@ absl::Status Rebuild(const RebuildOptions& options, const Session& session) {
   auto connection = Connection::Open(session);
   if (!connection.ok()) return connection.status();
   v1::RebuildMeshResponse response;
-  absl::Status status = connection->Call([&](grpc::ClientContext* context) {
+  absl::Status status = connection->CallOnce(options.request.mesh(), [&](grpc::ClientContext* context) {
     return connection->meshes().RebuildMesh(context, options.request, &response);
   });
   if (!status.ok()) return status;

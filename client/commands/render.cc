@@ -85,8 +85,9 @@ absl::Status Render(const RenderOptions& options, const Session& session) {
   v1::GetMeshRequest request;
   request.set_mesh(options.start.mesh());
   v1::GetMeshResponse mesh;
-  absl::Status status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->meshes().GetMesh(context, request, &mesh); });
+  absl::Status status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
+    return connection->meshes().GetMesh(context, request, &mesh);
+  });
   if (!status.ok()) return status;
   const absl::StatusOr<Camera> camera = Camera::Place(options.camera, mesh.mesh());
   if (!camera.ok()) return camera.status();

@@ -21,8 +21,9 @@ absl::Status Show(const ShowOptions& options, const Session& session) {
   v1::GetMeshRequest request;
   request.set_mesh(options.mesh);
   v1::GetMeshResponse response;
-  absl::Status status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->meshes().GetMesh(context, request, &response); });
+  absl::Status status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
+    return connection->meshes().GetMesh(context, request, &response);
+  });
   if (!status.ok()) return status;
   switch (options.format) {
     case DataFormat::kJson:

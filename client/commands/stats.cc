@@ -21,8 +21,9 @@ absl::Status Stats(const StatsOptions& options, const Session& session) {
   v1::GetBuildStatsRequest request;
   request.set_mesh(options.mesh);
   v1::GetBuildStatsResponse response;
-  absl::Status status = connection->Call(
-      [&](grpc::ClientContext* context) { return connection->meshes().GetBuildStats(context, request, &response); });
+  absl::Status status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
+    return connection->meshes().GetBuildStats(context, request, &response);
+  });
   if (!status.ok()) return status;
   switch (options.format) {
     case DataFormat::kJson:

@@ -14,6 +14,7 @@
 #include "client/input_file.h"
 #include "client/output_file.h"
 #include "client/progress_bar.h"
+#include "client/retry.h"
 #include "client/text_table.h"
 
 namespace deltaray {
@@ -54,9 +55,11 @@ absl::Status SendChunks(InputFile& file, grpc::ClientWriter<v1::UploadMeshReques
   return absl::OkStatus();
 }
 
-absl::Status SendFile(Connection& connection, const Session& session, InputFile& file, const v1::UploadHeader& header,
-                      v1::UploadMeshResponse* response) {
+// Runs one UploadMesh RPC; what it ended with goes to `rpc_status`. Fails where the file cannot be read.
+absl::Status SendOnce(Connection& connection, const Session& session, InputFile& file, const v1::UploadHeader& header,
+                      v1::UploadMeshResponse* response, grpc::Status* rpc_status) {
   grpc::ClientContext context;
+  connection.Prepare(header.name(), &context);
   const StopSignal::Scope scope(session.stop, context);
   const auto writer = connection.meshes().UploadMesh(&context, response);
   v1::UploadMeshRequest first;
@@ -66,8 +69,23 @@ absl::Status SendFile(Connection& connection, const Session& session, InputFile&
   const absl::Status sent = SendChunks(file, *writer, bar);
   // Without the cancellation the server would take the half that it got for the whole.
   if (!sent.ok()) context.TryCancel();
-  const grpc::Status rpc_status = writer->Finish();
-  return sent.ok() ? connection.Result(rpc_status) : sent;
+  *rpc_status = WithRequestId(writer->Finish(), context);
+  return sent;
+}
+
+absl::Status SendFile(Connection& connection, const Session& session, InputFile& file, const v1::UploadHeader& header,
+                      v1::UploadMeshResponse* response) {
+  // The same mesh twice is one mesh. A name, though, would be taken from who got it in between.
+  const bool repeatable = file.size().has_value() && header.name().empty();
+  Retry retry(session);
+  while (true) {
+    grpc::Status rpc_status;
+    absl::Status status = SendOnce(connection, session, file, header, response, &rpc_status);
+    if (!status.ok()) return status;
+    if (!repeatable || !retry.Again(rpc_status)) return connection.Result(rpc_status);
+    status = file.Rewind();
+    if (!status.ok()) return status;
+  }
 }
 
 // For people: what was stored, and what was noticed in the file.

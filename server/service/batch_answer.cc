@@ -45,6 +45,14 @@ bool HoldsRays(const BatchQuery& query, size_t bytes, size_t rays) {
   return bytes <= rays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
 }
 
+// The sum of hits(row).
+template <typename Row, typename Hits>
+uint64_t Sum(std::span<const Row> rows, const Hits& hits) {
+  uint64_t sum = 0;
+  for (const Row& row : rows) sum += hits(row);
+  return sum;
+}
+
 // One batch while it is answered.
 class Answering {
  public:
@@ -59,7 +67,8 @@ class Answering {
         summary_{AnsweredAccuracy(*snapshot.tree, query), snapshot.final} {}
 
   // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
-  absl::StatusOr<grpc::Slice> TraceRows() {
+  absl::StatusOr<BatchAnswer> TraceRows() {
+    std::atomic<uint64_t> hits_in_all{0};
     HitColumns columns(query_, rays_.size(), rays_.size(), summary_);
     absl::Status status = ForRayPieces(
         rays_, PieceRays(rays_.size()), cancelled_,
@@ -69,29 +78,32 @@ class Answering {
               PieceArray<uint8_t> any(rays.size());
               tree_.AnyHits(rays, query_.options, any);
               columns.WriteAny(first, any);
+              hits_in_all += Sum<uint8_t>(any, [](uint8_t hit) { return uint64_t{hit != 0}; });
               break;
             }
             case v1::QUERY_KIND_COUNT_HITS: {
               PieceArray<uint32_t> counts(rays.size());
               tree_.CountHits(rays, query_.options, counts);
               columns.WriteCounts(first, counts);
+              hits_in_all += Sum<uint32_t>(counts, [](uint32_t count) { return uint64_t{count}; });
               break;
             }
             default: {
               PieceArray<Hit> hits(rays.size());
               tree_.ClosestHits(rays, query_.options, hits);
               columns.WriteHits(first, hits, mesh_);
+              hits_in_all += Sum<Hit>(hits, [](const Hit& hit) { return uint64_t{hit.IsHit()}; });
             }
           }
           return absl::OkStatus();
         },
         FirstSlice());
     if (!status.ok()) return status;
-    return columns.Take();
+    return Answer(columns, hits_in_all);
   }
 
   // ALL_HITS: where the rows of a piece belong is known once all hits are found.
-  absl::StatusOr<grpc::Slice> TraceAllHits() {
+  absl::StatusOr<BatchAnswer> TraceAllHits() {
     const size_t piece_rays =
         std::clamp<size_t>(kPieceHits / query_.options.max_hits_per_ray, 1, PieceRays(rays_.size()));
     std::vector<std::vector<Hit>> hits((rays_.size() + piece_rays - 1) / piece_rays);
@@ -126,12 +138,16 @@ class Answering {
     Tracer::ForPieces(hits.size(), 1, [&](size_t piece, size_t) {
       columns.WriteHits(offsets[piece * piece_rays], hits[piece], mesh_);
     });
-    return columns.Take();
+    return Answer(columns, offsets.back());
   }
 
  private:
   // Rays of which all hits are found are traced one by one, and each may take long.
   size_t FirstSlice() const { return HasAllHits(query_) ? kFirstSlice : RayBatchView::kMaxPieceRays; }
+
+  BatchAnswer Answer(HitColumns& columns, uint64_t hit_count) const {
+    return {columns.Take(), summary_.accuracy, rays_.size(), hit_count};
+  }
 
   // Most rows that the reply can hold: by its bytes, and by the offsets, which are uint32.
   uint64_t MaxHits() const {
@@ -177,7 +193,7 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
   return fixed + hits * (row + 2 * sizeof(Hit)) + rays * 2 * sizeof(uint32_t);
 }
 
-absl::StatusOr<grpc::Slice> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
                                         const std::function<bool()>& cancelled) {
   absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, snapshot.mesh->origin, limits.max_rays);

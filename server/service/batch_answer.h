@@ -19,6 +19,13 @@ struct BatchLimits {
   uint64_t max_message_bytes = uint64_t{64} << 20;
 };
 
+struct BatchAnswer {
+  grpc::Slice hits;  // a v1::HitBatch
+  AccuracyLevel accuracy = AccuracyLevel::kExact;
+  uint64_t ray_count = 0;
+  uint64_t hit_count = 0;  // rays that hit; of ALL_HITS and COUNT_HITS the hits in all
+};
+
 // Whether a batch, in a message of `bytes`, is so small that it may be answered within a reaction of gRPC. All others
 // must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
 bool IsSmall(const BatchQuery& query, size_t bytes);
@@ -33,11 +40,9 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
 //
 // INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the
 // message limit; replies of a known size are refused before any ray is traced, ALL_HITS as soon as the hits so far are
-// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece,
-// and within pieces that take long.
-//
-// Returns the bytes of a v1::HitBatch.
-absl::StatusOr<grpc::Slice> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
+// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece, and within pieces that take
+// long.
+absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
                                         const std::function<bool()>& cancelled);
 

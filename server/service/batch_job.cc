@@ -19,10 +19,12 @@ void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tr
     return job.cancelled();
   };
   const absl::Status status = CatchExceptions([&] {
-    absl::StatusOr<grpc::Slice> hits = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, cancelled);
-    if (!hits.ok()) return hits.status();
+    job.meter->BeginTracing();
+    absl::StatusOr<BatchAnswer> traced = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, cancelled);
+    if (!traced.ok()) return traced.status();
     backend.store->NoteAnswer(tree);
-    answer = {tree.id, *std::move(hits)};
+    job.meter->CountAnswer({tree.id, job.query.kind, traced->accuracy, traced->ray_count, traced->hit_count});
+    answer = {tree.id, std::move(traced->hits)};
     return absl::OkStatus();
   });
   if (status.ok()) {

@@ -12,6 +12,7 @@
 #include "server/service/batch_answer.h"
 #include "server/service/batch_budget.h"
 #include "server/service/batch_query.h"
+#include "server/service/metrics.h"
 #include "server/service/ray_message.h"
 #include "server/service/tracer.h"
 #include "server/store/mesh_store.h"
@@ -24,6 +25,7 @@ struct RayBackend {
   Tracer* tracer;
   BatchLimits limits;
   BatchBudget* budget;
+  Metrics* metrics;
 };
 
 // Calls `use` with the best tree of the mesh that there is, or as soon as there is one (with `wait_final`, the final
@@ -44,6 +46,7 @@ struct BatchJob {
   std::string mesh;  // id or name
   BatchQuery query;
   RayBatchBytes rays;
+  std::shared_ptr<BatchMeter> meter;
   // Whether the answer is not wanted any more. Asked from any thread.
   std::function<bool()> cancelled;
   // Called from any thread, with no lock held; not at all where the server ends first. Must not throw. All calls but

@@ -13,6 +13,7 @@
 #include "grpcpp/server_context.h"
 #include "server/build/mutex.h"
 #include "server/service/calls.h"
+#include "server/service/log.h"
 #include "server/service/rpc_status.h"
 
 namespace deltaray {
@@ -55,6 +56,7 @@ class CallReactor : public Reactor, public Call {
     status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
+    const LogScope scope(record().request_id);
     this->Finish(ToRpcStatus(status));
   }
 

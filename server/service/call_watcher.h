@@ -3,7 +3,10 @@
 #ifndef SERVER_SERVICE_CALL_WATCHER_H_
 #define SERVER_SERVICE_CALL_WATCHER_H_
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
+#include <string>
 #include <string_view>
 
 #include "absl/status/status.h"
@@ -11,11 +14,19 @@
 
 namespace deltaray {
 
+// What is noted of a call while it is under way. Lives as long as the call.
+struct CallRecord {
+  std::string request_id;  // set before the call does anything
+  std::atomic<uint64_t> batches{0};
+  std::atomic<uint64_t> rays{0};
+};
+
 // A call as it is known before its first message.
 struct RpcInfo {
   std::string_view method;                         // service and method, as "MeshService/GetMesh"; a literal
   grpc::CallbackServerContext* context = nullptr;  // gRPC's; valid until OnEnd has returned
   std::chrono::steady_clock::time_point began = std::chrono::steady_clock::now();
+  CallRecord* record = nullptr;  // set by Calls
 };
 
 // Thread-safe; neither method may block.

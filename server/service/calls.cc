@@ -11,6 +11,7 @@ namespace deltaray {
 absl::Status DrainingError() { return absl::UnavailableError("the server is draining"); }
 
 absl::Status Calls::Add(const std::shared_ptr<Call>& call, RpcInfo rpc) {
+  rpc.record = &call->record();
   absl::Status status;
   size_t watched = 0;
   while (status.ok() && watched < watchers_.size()) status = watchers_[watched++]->OnBegin(rpc);

@@ -28,6 +28,11 @@ class Call {
   // Comes several times a second. A call that has waited for its client since `idle_since` or longer ends with
   // IdleError(). Must not take long.
   virtual void OnTick(std::chrono::steady_clock::time_point /*idle_since*/) {}
+
+  CallRecord& record() { return record_; }
+
+ private:
+  CallRecord record_;
 };
 
 // What a call that the drain ends or refuses is told.

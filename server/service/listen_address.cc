@@ -34,6 +34,14 @@ absl::Status ValidateListenAddress(absl::string_view address) {
   return absl::OkStatus();
 }
 
+absl::Status ValidateMetricsAddress(absl::string_view address) {
+  if (address.empty()) return absl::OkStatus();
+  if (absl::StartsWith(address, "unix:")) {
+    return absl::InvalidArgumentError(absl::StrCat("'", address, "' is not host:port"));
+  }
+  return ValidateListenAddress(address);
+}
+
 bool IsLoopback(absl::string_view address) {
   if (absl::StartsWith(address, "unix:")) return true;
   const size_t colon = address.rfind(':');

@@ -12,6 +12,9 @@ namespace deltaray {
 // unix:path. gRPC takes any number for a port, and listens at its last 16 bits.
 absl::Status ValidateListenAddress(absl::string_view address);
 
+// The same for metrics: host:port alone, or empty for none.
+absl::Status ValidateMetricsAddress(absl::string_view address);
+
 // Whether only this machine can reach `address`, as gRPC writes it: host:port with a host of 127.0.0.0/8, [::1] or
 // localhost, or unix:path.
 bool IsLoopback(absl::string_view address);

@@ -119,7 +119,10 @@ absl::Status Listener::BindUnix(const std::string& path) {
     close(probe);
   }
   if (bind(sockets_[0], any_name, sizeof(name)) != 0 || listen(sockets_[0], kBacklog) != 0) {
-    return Unavailable(address, std::strerror(errno));
+    const std::string reason = std::strerror(errno);
+    close(sockets_[0]);
+    sockets_.clear();
+    return Unavailable(address, reason);
   }
   unix_path_ = path;
   return absl::OkStatus();
@@ -127,16 +130,50 @@ absl::Status Listener::BindUnix(const std::string& path) {
 
 void Listener::Start(std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor) {
   acceptor_ = std::move(acceptor);
+  StartThread();
+}
+
+bool Listener::Hears(std::chrono::milliseconds patience) const {
+  sockaddr_storage name{};
+  socklen_t length = sizeof(name);
+  if (sockets_.empty() || getsockname(sockets_[0], reinterpret_cast<sockaddr*>(&name), &length) != 0) return false;
+  const uint64_t heard_before = heard_;
+  const int probe = socket(name.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (probe < 0) return false;
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  const bool gone =
+      connect(probe, reinterpret_cast<sockaddr*>(&name), length) != 0 && errno != EINPROGRESS && errno != EAGAIN;
+  while (!gone && heard_ == heard_before && std::chrono::steady_clock::now() < deadline) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  close(probe);
+  return heard_ != heard_before;
+}
+
+absl::Status Listener::Rebind() {
+  if (unix_path_.empty()) return absl::OkStatus();
+  EndThread();
+  for (const int socket : std::exchange(sockets_, {})) close(socket);
+  const absl::Status status = BindUnix(unix_path_);
+  StartThread();
+  return status;
+}
+
+void Listener::StartThread() {
   thread_ = std::thread([this] { Run(); });
 }
 
+void Listener::EndThread() {
+  if (!thread_.joinable()) return;
+  // Neither fails: the counter is far from full, and not zero.
+  uint64_t one = 1;
+  [[maybe_unused]] ssize_t done = write(stop_event_, &one, sizeof(one));
+  thread_.join();
+  done = read(stop_event_, &one, sizeof(one));
+}
+
 void Listener::Stop() {
-  if (thread_.joinable()) {
-    const uint64_t one = 1;
-    // Never fails: the counter is far from full.
-    [[maybe_unused]] const ssize_t written = write(stop_event_, &one, sizeof(one));
-    thread_.join();
-  }
+  EndThread();
   for (const int socket : std::exchange(sockets_, {})) close(socket);
   if (!unix_path_.empty()) unlink(std::exchange(unix_path_, "").c_str());
 }
@@ -162,6 +199,7 @@ bool Listener::AcceptAll(int socket) {
   while (true) {
     const int connection = accept4(socket, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (connection >= 0) {
+      ++heard_;
       TakeOver(connection);
     } else if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM) {
       return false;

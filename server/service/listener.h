@@ -5,6 +5,7 @@
 
 #include <sys/types.h>
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -32,6 +33,11 @@ class Listener {
 
   // Lets connections in. Called once, when the server of `acceptor` has been started.
   void Start(std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor);
+  // Connects to itself. Whether some connection was accepted within `patience`, by us or refused. REQUIRES: Start was
+  // called.
+  bool Hears(std::chrono::milliseconds patience) const;
+  // Binds unix:path anew, whose file somebody may have taken away. Does nothing for host:port, which nobody can take.
+  absl::Status Rebind();
   // Lets no more connections in, and closes the sockets. To be called before the server is shut down.
   void Stop();
 
@@ -51,6 +57,8 @@ class Listener {
   explicit Listener(uint32_t max_connections);
   absl::Status BindTcp(const std::string& address);
   absl::Status BindUnix(const std::string& path);
+  void StartThread();
+  void EndThread();
   void Run();
   // Takes all connections that wait at a socket. False: there are no file descriptors for now.
   bool AcceptAll(int socket);
@@ -61,7 +69,8 @@ class Listener {
 
   const uint32_t max_connections_;
   std::vector<int> sockets_;
-  std::string unix_path_;  // to be removed at the end
+  std::string unix_path_;           // to be removed at the end
+  std::atomic<uint64_t> heard_{0};  // connections accepted
   int port_ = 0;
   int stop_event_ = -1;
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;

@@ -81,7 +81,8 @@ void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
   call.ReplyWithShare(status, std::move(reply));
 }
 
-absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes) {
+absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes,
+                           std::shared_ptr<BatchMeter> meter) {
   const uint64_t message_bytes = bytes.Length();
   v1::CastRaysRequest request;
   auto job = std::make_shared<BatchJob>();
@@ -90,6 +91,7 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Batc
   if (!query.ok()) return query.status();
   job->mesh = request.mesh();
   job->query = *query;
+  job->meter = std::move(meter);
   job->cancelled = [call] { return call->cancelled(); };
   job->done = [call](absl::StatusOr<BatchJob::Answer> answer) { ReplyTo(*call, std::move(answer)); };
   const absl::StatusOr<bool> now =
@@ -159,8 +161,9 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* con
   auto call = BatchCall::Make(calls_, response, backend_.budget);
   if (!BatchCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
-  auto answer = [backend = backend_, call, bytes = *request] {
-    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes); });
+  auto answer = [backend = backend_, call, bytes = *request,
+                 meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record())] {
+    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, meter); });
     if (!status.ok()) call->Reply(status, {});
   };
   if (on_tracer) {

@@ -3,21 +3,31 @@
 #include <algorithm>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "grpcpp/ext/channelz_service_plugin.h"
 #include "grpcpp/ext/proto_server_reflection_plugin.h"
-#include "grpcpp/health_check_service_interface.h"
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
+#include "server/service/authenticator.h"
+#include "server/service/call_log.h"
 #include "server/service/calls.h"
+#include "server/service/health.h"
+#include "server/service/listen_address.h"
 #include "server/service/listener.h"
 #include "server/service/mesh_handlers.h"
+#include "server/service/metrics.h"
+#include "server/service/metrics_page.h"
 #include "server/service/ray_handlers.h"
 #include "server/service/ticker.h"
+#include "server/service/tls_certificates.h"
 #include "server/service/tracer.h"
 #include "server/service/wake_call.h"
+#include "server/service/watchdog.h"
 #include "server/service/worker_pool.h"
+#include "spdlog/spdlog.h"
 
 namespace deltaray {
 namespace {
@@ -37,20 +47,62 @@ constexpr int kMinPingIntervalMs = 10'000;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
 
+// How long the watchdog waits for what takes no time where all is well.
+constexpr std::chrono::milliseconds kPatience{2000};
+
+// What options.security asks for, nullptr where it does not.
+struct Security {
+  std::unique_ptr<TlsCertificates> certificates;
+  std::unique_ptr<Authenticator> authenticator;
+};
+
+absl::StatusOr<Security> ReadSecurity(const SecurityOptions& options, const std::string& listen) {
+  Security security;
+  if (options.tls()) {
+    absl::StatusOr<std::unique_ptr<TlsCertificates>> certificates = TlsCertificates::Start(options);
+    if (!certificates.ok()) return certificates.status();
+    security.certificates = *std::move(certificates);
+  }
+  if (!options.token_file.empty()) {
+    absl::StatusOr<std::unique_ptr<Authenticator>> authenticator = Authenticator::Start(options.token_file);
+    if (!authenticator.ok()) return authenticator.status();
+    security.authenticator = *std::move(authenticator);
+  }
+  const bool shown = !options.tls_client_ca.empty();
+  spdlog::info("connections are {}; {}",
+               shown           ? "mutual TLS"
+               : options.tls() ? "TLS"
+                               : "plaintext",
+               options.token_file.empty() ? "no tokens are asked for" : "tokens are asked for");
+  if (IsLoopback(listen)) return security;
+  if (!options.tls() && !options.token_file.empty()) {
+    spdlog::warn("other machines can reach {}, and tokens travel there in plaintext", listen);
+  }
+  if (!shown && options.token_file.empty()) {
+    spdlog::warn("whoever can reach {} may upload and delete: there is neither --token-file nor --tls-client-ca",
+                 listen);
+  }
+  return security;
+}
+
 class GrpcServer final : public Server {
  public:
-  GrpcServer(const ServerOptions& options, std::unique_ptr<MeshStore> store)
+  GrpcServer(const ServerOptions& options, Security security, std::shared_ptr<Metrics> metrics,
+             std::unique_ptr<MeshStore> store)
       : options_(options),
+        security_(std::move(security)),
+        metrics_(std::move(metrics)),
         batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
         call_limits_(options.calls),
-        calls_({&call_limits_}, options.idle_timeout),
+        calls_(Watchers(), options.idle_timeout),
         tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
-                                 options.batch.max_message_bytes}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, &batch_budget_}) {}
+                                 options.batch.max_message_bytes, metrics_.get()}),
+        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, &batch_budget_, metrics_.get()}),
+        health_handlers_(&calls_, store_.get()) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
@@ -59,16 +111,23 @@ class GrpcServer final : public Server {
   }
 
   absl::Status Listen() {
+    if (!options_.metrics_listen.empty()) {
+      auto page = MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get());
+      if (!page.ok()) return page.status();
+      metrics_page_ = *std::move(page);
+    }
     absl::StatusOr<std::unique_ptr<Listener>> listener = Listener::Open(options_.listen, options_.max_connections);
     if (!listener.ok()) return listener.status();
     listener_ = *std::move(listener);
-    grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    if (options_.channelz) grpc::channelz::experimental::InitChannelzService();
     grpc::ServerBuilder builder;
     auto acceptor = builder.experimental().AddExternalConnectionAcceptor(
-        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, grpc::InsecureServerCredentials());
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
+        security_.certificates == nullptr ? grpc::InsecureServerCredentials() : security_.certificates->Credentials());
     builder.RegisterService(&mesh_handlers_);
     builder.RegisterService(&ray_handlers_);
+    builder.RegisterService(&health_handlers_);
     builder.SetMaxReceiveMessageSize(static_cast<int>(options_.batch.max_message_bytes));
     // A few megabytes of gzip can grow to gigabytes, before any limit is looked at.
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
@@ -88,10 +147,6 @@ class GrpcServer final : public Server {
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
     server_ = builder.BuildAndStart();
     if (server_ == nullptr) return absl::UnavailableError("gRPC can not start a server");
-    for (const std::string& service :
-         {std::string(v1::MeshService::service_full_name()), std::string(v1::RayService::service_full_name())}) {
-      server_->GetHealthCheckService()->SetServingStatus(service, true);
-    }
     listener_->Start(std::move(acceptor));
     wake_call_.emplace(server_->InProcessChannel({}));
     ticker_.emplace(kTick, [this] {
@@ -100,27 +155,51 @@ class GrpcServer final : public Server {
       batch_budget_.Tick(now);
       wake_call_->Make();
     });
+    watchdog_.emplace(
+        options_.watchdog_interval, [this] { return WhatIsWrong(); },
+        [this] {
+          metrics_->CountWatchdogFailure();
+          if (absl::Status status = listener_->Rebind(); !status.ok())
+            spdlog::error("watchdog: {}", std::string(status.message()));
+        });
     return absl::OkStatus();
   }
 
   int port() const override { return listener_->port(); }
+  int metrics_port() const override { return metrics_page_ == nullptr ? 0 : metrics_page_->port(); }
   uint32_t max_connections() const override { return listener_->max_connections(); }
   uint32_t threads() const override { return tracer_.threads(); }
   bool Drain() override { return Shutdown(options_.drain_timeout); }
 
  private:
+  // In the order in which they are asked.
+  std::vector<CallWatcher*> Watchers() {
+    std::vector<CallWatcher*> watchers{metrics_.get(), &call_log_};
+    if (security_.authenticator != nullptr) watchers.push_back(security_.authenticator.get());
+    watchers.push_back(&call_limits_);
+    return watchers;
+  }
+
+  // For the watchdog; empty: nothing.
+  std::string WhatIsWrong() const {
+    if (!listener_->Hears(kPatience)) return absl::StrCat("connections to ", options_.listen, " are not accepted");
+    if (wake_call_->Waiting() > kPatience) return "gRPC does not answer a call of our own";
+    return "";
+  }
+
   bool Shutdown(std::chrono::milliseconds timeout) {
     MutexLock lock(shutdown_mutex_);
     if (shut_down_) return true;
     shut_down_ = true;
     const auto deadline = std::chrono::steady_clock::now() + timeout;
-    server_->GetHealthCheckService()->Shutdown();
+    health_handlers_.Drain();
     calls_.Drain();
     // A build may take longer than the drain, and ends with it.
     store_->StopWaiting(DrainingError());
     const bool all_ended = calls_.WaitUntilNone(deadline);
     // Without a deadline this would wait for ever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
+    watchdog_.reset();
     listener_->Stop();
     // It makes calls, and looks at some.
     ticker_.reset();
@@ -129,41 +208,56 @@ class GrpcServer final : public Server {
   }
 
   const ServerOptions options_;
+  const Security security_;
+  const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
   BatchBudget batch_budget_;
+  CallLog call_log_;
   CallLimits call_limits_;
   Calls calls_;
   // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
   // whose builds hand answers to the tracer.
   Tracer tracer_;
   const std::unique_ptr<MeshStore> store_;
+  std::unique_ptr<MetricsPage> metrics_page_;
   WorkerPool disk_;
   WorkerPool commits_;
   MeshHandlers mesh_handlers_;
   RayHandlers ray_handlers_;
+  HealthHandlers health_handlers_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Listener> listener_;
   std::optional<WakeCall> wake_call_;
   std::optional<Ticker> ticker_;
+  std::optional<Watchdog> watchdog_;
   Mutex shutdown_mutex_;
   bool shut_down_ ABSL_GUARDED_BY(shutdown_mutex_) = false;
 };
 
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics,
+                                                    std::unique_ptr<MeshStore> store) {
+  absl::StatusOr<Security> security = ReadSecurity(options.security, options.listen);
+  if (!security.ok()) return security.status();
+  auto server = std::make_unique<GrpcServer>(options, *std::move(security), std::move(metrics), std::move(store));
+  if (absl::Status status = server->Listen(); !status.ok()) return status;
+  return server;
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  const auto metrics = std::make_shared<Metrics>();
   MeshStore::Options store_options = options.store;
   // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
   store_options.mesh_limits.max_group_bytes =
       std::min(store_options.mesh_limits.max_group_bytes, options.batch.max_message_bytes / 4);
+  store_options.on_build_end = [metrics](const EndedBuild& build) { metrics->CountBuild(build); };
   absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(store_options);
   if (!store.ok()) return store.status();
-  return Start(options, *std::move(store));
+  return StartServer(options, metrics, *std::move(store));
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options, std::unique_ptr<MeshStore> store) {
-  auto server = std::make_unique<GrpcServer>(options, std::move(store));
-  if (absl::Status status = server->Listen(); !status.ok()) return status;
-  return server;
+  return StartServer(options, std::make_shared<Metrics>(), std::move(store));
 }
 
 }  // namespace deltaray

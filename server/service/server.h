@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "server/service/batch_answer.h"
 #include "server/service/call_limits.h"
+#include "server/service/security_options.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -18,6 +19,11 @@ namespace deltaray {
 struct ServerOptions {
   // Where to listen, as gRPC writes it: host:port or unix:path. Port 0 picks a free one.
   std::string listen = "127.0.0.1:7878";
+  // Where Prometheus fetches metrics: host:port. Empty: nowhere.
+  std::string metrics_listen;
+  // Whether to tell of connections and calls by gRPC's channelz, to whoever asks.
+  bool channelz = false;
+  SecurityOptions security;
   MeshStore::Options store;
   // Threads that trace. 0: all cores.
   uint32_t threads = 0;
@@ -35,6 +41,8 @@ struct ServerOptions {
   uint32_t max_metadata_bytes = 16 << 10;
   // How long a stream or an upload whose client is to send or to read, or a connection without calls, may do nothing.
   std::chrono::milliseconds idle_timeout{300'000};
+  // How often the server looks whether it hears and answers.
+  std::chrono::milliseconds watchdog_interval{5000};
   // How long Drain waits for the calls under way.
   std::chrono::milliseconds drain_timeout{10'000};
 };
@@ -42,7 +50,8 @@ struct ServerOptions {
 // A running server. All methods are thread-safe.
 class Server {
  public:
-  // Opens the store and listens. UNAVAILABLE where the address can not be had.
+  // Opens the store and listens. UNAVAILABLE where the address can not be had; INVALID_ARGUMENT, naming flag and file,
+  // where a file of `security` is of no use.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   // The same over a store that is open already.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, std::unique_ptr<MeshStore> store);
@@ -52,6 +61,8 @@ class Server {
 
   // The port that it listens at; 0 for unix:path.
   virtual int port() const = 0;
+  // The port of the metrics; 0 where there is none.
+  virtual int metrics_port() const = 0;
   // Threads that trace.
   virtual uint32_t threads() const = 0;
   // Connections that are let in at once.

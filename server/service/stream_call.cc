@@ -62,6 +62,7 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   batch->number = batches_read_++;
   batch->share = std::move(incoming_share_);
   batch->request = std::move(message);
+  batch->meter = std::make_shared<BatchMeter>(backend_.metrics, &record());
   batch->done = !status.ok();
   batch->status = std::move(status);
   if (!batch->done) {
@@ -254,6 +255,7 @@ void StreamCall::Answer(const BatchPointer& batch) {
       job->query = target_->query;
     }
     const auto self = weak_self_.lock();
+    job->meter = std::move(batch->meter);
     job->cancelled = [self] { return self->cancelled(); };
     job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {
       grpc::ByteBuffer reply;

@@ -43,7 +43,8 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
     uint64_t number = 0;
     std::unique_ptr<BatchBudget::Share> share;
     grpc::ByteBuffer request;
-    bool admitted = false;  // there is memory to answer it
+    std::shared_ptr<BatchMeter> meter;  // until its job has it
+    bool admitted = false;              // there is memory to answer it
     bool in_hand = false;
     // Once done:
     bool done = false;

@@ -46,6 +46,7 @@ grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, const RpcInfo& rpc, WorkerPo
   auto call = std::make_shared<UnaryCall>(calls, response);
   if (!UnaryCall::Admit(call, rpc)) return call.get();
   auto answer = [call, max_reply_bytes, bytes = *request, handler = std::move(handler)] {
+    const LogScope scope(call->record().request_id);
     grpc::ByteBuffer reply;
     const absl::Status status = CatchExceptions([&]() -> absl::Status {
       Request message;

@@ -65,6 +65,7 @@ void UploadCall::RunStep(WorkerPool* pool, Step step) {
       MutexLock lock(self->mutex_);
       if (self->finished_) return;
     }
+    const LogScope scope(self->record().request_id);
     const absl::Status status = CatchExceptions(step);
     if (status.ok()) return;
     MutexLock lock(self->mutex_);
@@ -91,6 +92,7 @@ absl::Status UploadCall::TakeMessage() {
       return absl::InvalidArgumentError(
           absl::StrCat(where, "all messages of an upload but the first one must hold chunk"));
     }
+    backend_.metrics->CountUploadBytes(request.chunk().size());
     if (absl::Status status = upload_->Append(request.chunk()); !status.ok()) return status;
   }
   MutexLock lock(mutex_);

@@ -9,6 +9,7 @@
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/server_callback.h"
 #include "server/service/call_reactor.h"
+#include "server/service/metrics.h"
 #include "server/service/worker_pool.h"
 #include "server/store/mesh_store.h"
 
@@ -21,6 +22,7 @@ struct UploadBackend {
   WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
   uint64_t max_upload_bytes;
   uint64_t max_message_bytes;  // of a reply
+  Metrics* metrics;
 };
 
 // Takes the messages one at a time: the next one is read once the one before is written. A message of a cancelled

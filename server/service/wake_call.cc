@@ -9,7 +9,9 @@
 namespace deltaray {
 
 void WakeCall::Make() {
-  if (under_way_->exchange(true)) return;
+  if (*under_way_) return;
+  began_ = std::chrono::steady_clock::now();
+  *under_way_ = true;
   struct Call {
     grpc::ClientContext context;
     grpc::ByteBuffer request, response;
@@ -21,6 +23,11 @@ void WakeCall::Make() {
   grpc::GenericStub(channel_).UnaryCall(&call->context, "/grpc.health.v1.Health/Check", {}, &call->request,
                                         &call->response,
                                         [call, under_way = under_way_](const grpc::Status&) { *under_way = false; });
+}
+
+std::chrono::milliseconds WakeCall::Waiting() const {
+  if (!*under_way_) return {};
+  return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - began_.load());
 }
 
 }  // namespace deltaray

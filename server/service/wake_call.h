@@ -4,6 +4,7 @@
 #define SERVER_SERVICE_WAKE_CALL_H_
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 
 #include "grpcpp/channel.h"
@@ -20,10 +21,13 @@ class WakeCall {
   // Makes the call, unless the one before is still under way; does not wait for it. To be called at least twice a
   // second.
   void Make();
+  // How long the call under way has been waiting for its answer; 0: none is.
+  std::chrono::milliseconds Waiting() const;
 
  private:
   const std::shared_ptr<grpc::Channel> channel_;
   const std::shared_ptr<std::atomic<bool>> under_way_ = std::make_shared<std::atomic<bool>>(false);
+  std::atomic<std::chrono::steady_clock::time_point> began_{};
 };
 
 }  // namespace deltaray

@@ -5,7 +5,9 @@
 
 namespace deltaray {
 
-BuildQueue::BuildQueue(uint32_t concurrent_builds, Build::Options options) : options_(std::move(options)) {
+BuildQueue::BuildQueue(uint32_t concurrent_builds, Build::Options options,
+                       std::function<void(const EndedBuild&)> on_build_end)
+    : options_(std::move(options)), on_build_end_(std::move(on_build_end)) {
   for (uint32_t i = 0; i < std::max(1u, concurrent_builds); ++i) threads_.emplace_back([this] { Work(); });
 }
 
@@ -31,6 +33,16 @@ void BuildQueue::Stop() {
   }
 }
 
+size_t BuildQueue::waiting() const {
+  MutexLock lock(mutex_);
+  return jobs_.size();
+}
+
+size_t BuildQueue::running() const {
+  MutexLock lock(mutex_);
+  return running_;
+}
+
 void BuildQueue::Work() {
   for (;;) {
     std::function<void()> job;
@@ -40,8 +52,11 @@ void BuildQueue::Work() {
       if (stopped_) return;
       job = std::move(jobs_.front());
       jobs_.pop_front();
+      ++running_;
     }
     job();
+    MutexLock lock(mutex_);
+    --running_;
   }
 }
 

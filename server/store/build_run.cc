@@ -22,6 +22,10 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("no memory to build the tree");
   }
+  if (status.ok()) {
+    const TreeShape shape = build()->statistics().shape;
+    tree_bytes_ = shape.node_bytes + shape.reference_bytes;
+  }
   std::shared_ptr<Build> dropped;  // destroyed, after the lock, where nothing is to be had from it
   MutexLock lock(mutex_);
   ended_ = true;
@@ -119,6 +123,16 @@ BuildReport BuildRun::Report() const {
   report.failure = std::string(status_.message());
   if (running) report.progress.elapsed_seconds += load_.wall_seconds;
   return report;
+}
+
+EndedBuild BuildRun::Ended(const std::string& mesh_id) const {
+  EndedBuild ended{.mesh_id = mesh_id, .status = status(), .seconds = Report().progress.elapsed_seconds};
+  if (build() != nullptr && snapshot() != nullptr) {
+    BuildStatistics statistics = Statistics().statistics;
+    ended.phases = std::move(statistics.phases);
+    ended.delta_leaves_built = statistics.delta_leaves_built;
+  }
+  return ended;
 }
 
 StoredStatistics BuildRun::Statistics() const {

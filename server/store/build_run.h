@@ -68,6 +68,10 @@ class BuildRun {
   std::shared_ptr<const TreeSnapshot> snapshot() const;
   // Never kStored.
   BuildReport Report() const;
+  // Of the tree that stood when the build ended; 0 before.
+  uint64_t tree_bytes() const { return tree_bytes_; }
+  // The build as it ended. REQUIRES: has_ended().
+  EndedBuild Ended(const std::string& mesh_id) const;
   // REQUIRES: snapshot() was not null.
   StoredStatistics Statistics() const;
 
@@ -80,6 +84,7 @@ class BuildRun {
   const uint64_t triangles_;  // of the mesh
   const std::shared_ptr<FirstAnswer> first_answer_ = std::make_shared<FirstAnswer>();
   std::atomic<bool> cancelled_{false};
+  std::atomic<uint64_t> tree_bytes_{0};
 
   mutable Mutex mutex_;
   bool begun_ ABSL_GUARDED_BY(mutex_) = false;

@@ -90,7 +90,9 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
 BuildReport MeshEntry::Watch() {
   MutexLock lock(mutex_);
   if (!current_) StartRun(config_, nullptr);
-  return current_ ? CurrentReport() : BuildReport();
+  BuildReport report = current_ ? CurrentReport() : BuildReport();
+  report.answers = answering_ != nullptr && closed_.ok();
+  return report;
 }
 
 BuildReport MeshEntry::CurrentReport() const {
@@ -112,6 +114,15 @@ absl::StatusOr<StoredStatistics> MeshEntry::Statistics() const {
         absl::StrCat("no tree of mesh ", id(), " was built yet since the server started"));
   }
   return run->Statistics();
+}
+
+void MeshEntry::AddUsage(StoreUsage* usage) const {
+  MutexLock lock(mutex_);
+  ++usage->meshes[static_cast<size_t>(current_ ? CurrentReport().state : MeshState::kStored)];
+  usage->disk_bytes += info_.stored_bytes;
+  if (const std::shared_ptr<const TriangleMesh> mesh = mesh_.lock()) usage->mesh_bytes += mesh->Bytes();
+  if (answering_) usage->tree_bytes += answering_->tree_bytes();
+  if (finished_ && finished_ != answering_) usage->tree_bytes += finished_->tree_bytes();
 }
 
 void MeshEntry::Close(const absl::Status& status) {
@@ -148,6 +159,7 @@ void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
     spdlog::error("build {} of mesh {} failed: {}", run->number(), id(), status.ToString());
   }
   End(run, status);
+  if (queue_->on_build_end()) queue_->on_build_end()(run->Ended(id()));
 }
 
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshEntry::LoadMesh(const std::function<bool()>& cancelled) {

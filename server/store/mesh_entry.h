@@ -47,6 +47,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   void StopWaiting(const absl::Status& status);
   // MeshStore::Watch: starts the build of a mesh that is only stored.
   BuildReport Watch();
+  // Adds this mesh to what all take.
+  void AddUsage(StoreUsage* usage) const;
   // MeshStore::Statistics.
   absl::StatusOr<StoredStatistics> Statistics() const;
 

@@ -36,6 +36,7 @@ class Store final : public MeshStore {
   void NoteAnswer(const Answer& answer) override;
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh) override;
   absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const override;
+  StoreUsage Usage() const override;
 
   const Options& options() const { return options_; }
   // Stores an upload's mesh, or finds that it is there already.
@@ -100,7 +101,8 @@ Store::Store(Options options, DataDirectory directory, DataDirectory::Contents c
     : options_(std::move(options)),
       directory_(std::move(directory)),
       queue_(options_.concurrent_builds,
-             {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf}) {
+             {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf},
+             options_.on_build_end) {
   MutexLock lock(mutex_);
   for (MeshInfo& info : contents.meshes) {
     const std::string id = info.id;
@@ -304,6 +306,14 @@ absl::StatusOr<StoredStatistics> Store::Statistics(absl::string_view mesh) const
   const absl::StatusOr<Stored> stored = Find(mesh);
   if (!stored.ok()) return stored.status();
   return stored->entry->Statistics();
+}
+
+StoreUsage Store::Usage() const {
+  StoreUsage usage;
+  for (const auto& entry : Entries()) entry->AddUsage(&usage);
+  usage.builds_waiting = queue_.waiting();
+  usage.builds_running = queue_.running();
+  return usage;
 }
 
 absl::StatusOr<Store::Stored> Store::Find(absl::string_view mesh) const {

@@ -3,6 +3,7 @@
 #ifndef SERVER_STORE_MESH_STORE_H_
 #define SERVER_STORE_MESH_STORE_H_
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -47,6 +48,26 @@ struct BuildReport {
   uint64_t build_number = 0;
   BuildProgress progress;
   std::string failure;
+  bool answers = false;  // whether there is a tree to query now, of this build or of one before
+};
+
+// A build that has ended.
+struct EndedBuild {
+  std::string mesh_id;
+  absl::Status status;  // CANCELLED where it was not wanted any more
+  double seconds = 0;
+  std::vector<PhaseTime> phases{};  // empty where it failed early
+  uint64_t delta_leaves_built = 0;
+};
+
+// What all meshes take, and how far they are.
+struct StoreUsage {
+  std::array<uint64_t, 5> meshes{};  // by MeshState
+  uint64_t disk_bytes = 0;
+  uint64_t mesh_bytes = 0;  // geometry in memory
+  uint64_t tree_bytes = 0;  // of trees whose build has ended
+  uint64_t builds_waiting = 0;
+  uint64_t builds_running = 0;
 };
 
 struct StoredStatistics {
@@ -96,6 +117,8 @@ class MeshStore {
     uint32_t concurrent_builds = 1;
     uint32_t build_threads = 0;           // 0: all cores
     std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
+    // Called at the end of every build, from its thread. Must not call the store.
+    std::function<void(const EndedBuild&)> on_build_end;
   };
 
   // Opens the directory and reads what is there. A file that is not whole is reported in the log, and left out.
@@ -139,6 +162,8 @@ class MeshStore {
   // Starts the build of a mesh that is only stored.
   virtual absl::StatusOr<BuildReport> Watch(absl::string_view mesh) = 0;
   virtual absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const = 0;
+  // Looks at every mesh, but at no tree.
+  virtual StoreUsage Usage() const = 0;
 };
 
 }  // namespace deltaray

@@ -116,9 +116,17 @@ class BatchTraversal {
         const uint32_t index = leaves[i];
         go_on(index, slots[index], {keys + index * stack_entries, refs + index * stack_entries});
       }
+      // Rays that may hit something are set aside likewise; leaves, which nobody needs any more, make room for them.
+      size_t may_hit_count = 0;
+      for (size_t i = 0; i < ended_count; ++i) {
+        const RaySlot& ray = slots[ended[i]];
+        query_.Miss(ray.ray);
+        leaves[may_hit_count] = ended[i];
+        may_hit_count += ray.MayHit();
+      }
+      for (size_t i = 0; i < may_hit_count; ++i) query_.End(slots[leaves[i]]);
       for (size_t i = 0; i < ended_count; ++i) {
         const uint32_t index = ended[i];
-        query_.End(slots[index]);
         next_nodes[next_node_count] = index;
         next_node_count += Refill(slots[index]);
       }
@@ -151,7 +159,7 @@ class BatchTraversal {
           Query::SetUp(slot);
           return true;
         case Setup::Kind::kMisses:
-          query_.End(slot);
+          query_.Miss(slot.ray);
           break;
         case Setup::Kind::kOdd:
           odd_->push_back(slot.ray);

@@ -1,4 +1,4 @@
-// The end of exact closest hits, many at a time: whether the one triangle that is left is hit, and where.
+// The end of exact closest hits, several at a time: which of the triangles that are left is hit, and where.
 
 #if defined(SERVER_TREE_DECISION_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SERVER_TREE_DECISION_INL_H_
@@ -21,8 +21,9 @@ HWY_BEFORE_NAMESPACE();
 namespace deltaray {
 namespace HWY_NAMESPACE {
 
-// A queue of rays with one suspect each. What server/geometry/triangle_test.h does for one ray and triangle is done
-// here for a register of them, by the same formulas and bounds; what it could not tell either, is handed to it.
+// What server/geometry/triangle_test.h does for one ray and triangle is done here for registers of them, by the same
+// formulas and bounds: for the suspects of one ray, to see which is hit first; and for a queue of rays with one suspect
+// each, to see where. What it could not tell either, is handed to it.
 class DecisionQueue {
   using D = hn::ScalableTag<double>;
   using V = hn::Vec<D>;
@@ -33,24 +34,43 @@ class DecisionQueue {
                 std::span<Hit> hits)
       : base_(scene.arrays.block.data()), rays_(rays), culling_(culling), decider_(decider), hits_(hits) {}
 
+  // Drops suspects that are missed for certain, or farther for certain than one that is hit for certain.
+  // REQUIRES: ray.exact.
+  HWY_ATTR void Narrow(RaySlot& ray) {
+    const uint32_t count = ray.suspect_count;
+    for (uint32_t i = 0; i < count; ++i) {
+      several_.Put(i, ray, rays_[ray.ray], ViewOf(ray.suspects[i]), ray.suspects[i].lane);
+    }
+    const D d;
+    uint32_t missed = 0, hit = 0;
+    double lower[kPairs], upper[kPairs];
+    for (uint32_t i = 0; i < count; i += hn::MaxLanes(d)) {
+      const Test test(several_, i, culling_);
+      const Interval t(test.t, test.det);
+      hn::StoreU(t.lower, d, lower + i);
+      hn::StoreU(t.upper, d, upper + i);
+      missed |= Bits(test.missed) << i;
+      hit |= Bits(hn::Not(hn::Or(test.missed, test.uncertain))) << i;
+    }
+    double limit = kFarthestEnd;
+    for (uint32_t i = 0; i < count; ++i) {
+      if (hit >> i & 1) limit = std::min(limit, upper[i]);
+    }
+    ray.suspect_count = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+      const bool farther = (hit >> i & 1) != 0 && lower[i] > limit;
+      if ((missed >> i & 1) == 0 && !farther) ray.suspects[ray.suspect_count++] = ray.suspects[i];
+    }
+  }
+
   // REQUIRES: ray.exact, one suspect.
   HWY_ATTR void Add(const RaySlot& ray) {
-    const ChildRef leaf(ray.suspects[0].leaf);
-    const LeafView view{reinterpret_cast<const float*>(base_ + leaf.offset() * UnitBytes(kWidth)), leaf.triangles()};
+    const LeafView leaf = ViewOf(ray.suspects[0]);
     const uint32_t lane = ray.suspects[0].lane;
-    for (int i = 0; i < 9; ++i) corners_[i][size_] = view.columns[i * view.count + lane];
-    for (int axis = 0; axis < 3; ++axis) {
-      origin_[axis][size_] = ray.origin[axis];
-      direction_[axis][size_] = ray.direction[axis];
-    }
-    // In the frame; beyond kFarthestEnd lies no hit.
-    const Ray& given = rays_[ray.ray];
-    ends_[0][size_] = std::clamp(given.t_min / ray.t_unscale, -kFarthestEnd, kFarthestEnd);
-    ends_[1][size_] = std::clamp(given.t_max / ray.t_unscale, -kFarthestEnd, kFarthestEnd);
-    unscale_[size_] = ray.t_unscale;
+    queued_.Put(size_, ray, rays_[ray.ray], leaf, lane);
     ray_[size_] = ray.ray;
-    primitive_[size_] = view.Primitive(lane);
-    if (++size_ == kQueued) Flush();
+    primitive_[size_] = leaf.Primitive(lane);
+    if (++size_ == kPairs) Flush();
   }
 
   // Writes the hits of all rays in the queue.
@@ -62,7 +82,9 @@ class DecisionQueue {
   }
 
  private:
-  static constexpr size_t kQueued = 8;
+  // As many as suspects of a ray, and a whole number of registers.
+  static constexpr size_t kPairs = 8;
+  static_assert(kPairs >= RaySlot::kMaxSuspects && kPairs % hn::MaxLanes(D()) == 0);
   // 16 times as far as an origin may be.
   static constexpr double kFarthestEnd = 0x1p44;
 
@@ -95,23 +117,99 @@ class DecisionQueue {
     return hn::And(hn::Le(hn::Abs(a.value), a.error), hn::Ne(a.error, hn::Zero(D())));
   }
 
-  HWY_ATTR HWY_INLINE Vec Load(const double (*columns)[kQueued], size_t first) const {
-    const D d;
-    return {hn::LoadU(d, columns[0] + first), hn::LoadU(d, columns[1] + first), hn::LoadU(d, columns[2] + first)};
-  }
+  // Rays and triangles, in the tree's frame.
+  struct Pairs {
+    HWY_ALIGN double corners[9][kPairs] = {};
+    HWY_ALIGN double origin[3][kPairs] = {};
+    HWY_ALIGN double direction[3][kPairs] = {};
+    HWY_ALIGN double ends[2][kPairs] = {};  // the ray's own
+    HWY_ALIGN double unscale[kPairs] = {};
 
-  // numerator / denominator * scale, a power of two, rounded to float; clears lanes of `certain` where that is not
-  // certain.
-  HWY_ATTR static HWY_INLINE void Round(Approximate numerator, Approximate denominator, V scale, float* out,
-                                        M* certain) {
+    HWY_ATTR HWY_INLINE void Put(size_t at, const RaySlot& ray, const Ray& given, const LeafView& leaf, uint32_t lane) {
+      for (int i = 0; i < 9; ++i) corners[i][at] = leaf.columns[i * leaf.count + lane];
+      for (int axis = 0; axis < 3; ++axis) {
+        origin[axis][at] = ray.origin[axis];
+        direction[axis][at] = ray.direction[axis];
+      }
+      ends[0][at] = given.t_min;
+      ends[1][at] = given.t_max;
+      unscale[at] = ray.t_unscale;
+    }
+
+    HWY_ATTR static HWY_INLINE Vec Load(const double (*columns)[kPairs], size_t first) {
+      const D d;
+      return {hn::LoadU(d, columns[0] + first), hn::LoadU(d, columns[1] + first), hn::LoadU(d, columns[2] + first)};
+    }
+  };
+
+  // Möller-Trumbore of some pairs; see server/geometry/README.md. A lane that is neither missed nor uncertain is hit.
+  struct Test {
+    Approximate det, u, v, t;
+    M back, missed, uncertain;
+
+    HWY_ATTR HWY_INLINE Test(const Pairs& pairs, size_t first, Culling culling) {
+      const D d;
+      const V unit = hn::Set(d, 10 * 0x1p-53);
+      const Vec v0 = Pairs::Load(pairs.corners, first), e1 = Minus(Pairs::Load(pairs.corners + 3, first), v0),
+                e2 = Minus(Pairs::Load(pairs.corners + 6, first), v0);
+      const Vec direction = Pairs::Load(pairs.direction, first), s = Minus(Pairs::Load(pairs.origin, first), v0);
+      const Vec p = Cross(direction, e2), q = Cross(s, e1);
+      const Vec abs_e1 = Abs(e1), abs_e2 = Abs(e2), abs_s = Abs(s), abs_d = Abs(direction);
+      const Vec p_permanent = CrossPermanent(abs_d, abs_e2), q_permanent = CrossPermanent(abs_s, abs_e1);
+      const V det_permanent = Dot(abs_e1, p_permanent), u_permanent = Dot(abs_s, p_permanent);
+      const V v_permanent = Dot(abs_d, q_permanent), t_permanent = Dot(abs_e2, q_permanent);
+      det = {Dot(e1, p), hn::Mul(unit, det_permanent)};
+      u = {Dot(s, p), hn::Mul(unit, u_permanent)};
+      v = {Dot(direction, q), hn::Mul(unit, v_permanent)};
+      t = {Dot(e2, q), hn::Mul(unit, t_permanent)};
+      const Approximate w{hn::Sub(hn::Sub(det.value, u.value), v.value),
+                          hn::Mul(unit, hn::Add(hn::Add(det_permanent, u_permanent), v_permanent))};
+
+      const M positive = hn::Or(hn::Or(IsPositive(det), IsPositive(u)), hn::Or(IsPositive(v), IsPositive(w)));
+      const M negative = hn::Or(hn::Or(IsNegative(det), IsNegative(u)), hn::Or(IsNegative(v), IsNegative(w)));
+      missed = hn::Or(hn::And(positive, negative), hn::Eq(det_permanent, hn::Zero(d)));
+      uncertain = hn::Or(hn::Or(IsUncertain(det), IsUncertain(u)), hn::Or(IsUncertain(v), IsUncertain(w)));
+      back = hn::Lt(det.value, hn::Zero(d));
+      const V sign = hn::And(det.value, hn::SignBit(d));
+      for (int end = 0; end < 2; ++end) {
+        // Beyond kFarthestEnd lies no hit.
+        const V scaled = hn::Div(hn::LoadU(d, pairs.ends[end] + first), hn::LoadU(d, pairs.unscale + first));
+        const V at = hn::Clamp(scaled, hn::Set(d, -kFarthestEnd), hn::Set(d, kFarthestEnd));
+        const V beyond = hn::Xor(hn::Sub(t.value, hn::Mul(at, det.value)), sign);
+        const Approximate inside{end == 0 ? beyond : hn::Neg(beyond),
+                                 hn::Mul(unit, hn::Add(t_permanent, hn::Mul(hn::Abs(at), det_permanent)))};
+        missed = hn::Or(missed, hn::AndNot(IsUncertain(det), IsNegative(inside)));
+        uncertain = hn::Or(uncertain, IsUncertain(inside));
+      }
+      if (culling != Culling::kNone) {
+        const M culled = culling == Culling::kBack ? back : hn::Not(back);
+        missed = hn::Or(missed, hn::AndNot(IsUncertain(det), culled));
+      }
+    }
+  };
+
+  // What a quotient is between, where the sign of its denominator is certain.
+  struct Interval {
+    V lower, upper;
+
+    HWY_ATTR HWY_INLINE Interval(Approximate numerator, Approximate denominator) {
+      const D d;
+      const V value = hn::Div(numerator.value, denominator.value);
+      const V error = hn::Div(hn::Add(numerator.error, hn::Mul(hn::Abs(value), denominator.error)),
+                              hn::Sub(hn::Abs(denominator.value), denominator.error));
+      const V bound = hn::Add(hn::Mul(hn::Set(d, 1.001), error), hn::Mul(hn::Set(d, 0x1p-51), hn::Abs(value)));
+      lower = hn::Sub(value, bound);
+      upper = hn::Add(value, bound);
+    }
+  };
+
+  // What is between these bounds, times scale, a power of two, rounded to float; clears lanes of `certain` where that
+  // is not certain.
+  HWY_ATTR static HWY_INLINE void Round(const Interval& interval, V scale, float* out, M* certain) {
     const D d;
     const hn::Rebind<float, D> df;
-    const V value = hn::Div(numerator.value, denominator.value);
-    const V error = hn::Div(hn::Add(numerator.error, hn::Mul(hn::Abs(value), denominator.error)),
-                            hn::Sub(hn::Abs(denominator.value), denominator.error));
-    const V bound = hn::Add(hn::Mul(hn::Set(d, 1.001), error), hn::Mul(hn::Set(d, 0x1p-51), hn::Abs(value)));
-    const auto lower = hn::DemoteTo(df, hn::Mul(hn::Sub(value, bound), scale));
-    const auto upper = hn::DemoteTo(df, hn::Mul(hn::Add(value, bound), scale));
+    const auto lower = hn::DemoteTo(df, hn::Mul(interval.lower, scale));
+    const auto upper = hn::DemoteTo(df, hn::Mul(interval.upper, scale));
     // Makes -0 to +0.
     hn::StoreU(hn::Add(lower, hn::Zero(df)), df, out);
     *certain = hn::And(*certain, hn::Eq(hn::PromoteTo(d, lower), hn::PromoteTo(d, upper)));
@@ -119,50 +217,14 @@ class DecisionQueue {
 
   HWY_ATTR HWY_INLINE void Decide(size_t first, size_t count) {
     const D d;
-    // 1. Möller-Trumbore; see server/geometry/README.md.
-    const V unit = hn::Set(d, 10 * 0x1p-53);
-    const Vec v0 = Load(corners_, first), e1 = Minus(Load(corners_ + 3, first), v0),
-              e2 = Minus(Load(corners_ + 6, first), v0);
-    const Vec direction = Load(direction_, first), s = Minus(Load(origin_, first), v0);
-    const Vec p = Cross(direction, e2), q = Cross(s, e1);
-    const Vec abs_e1 = Abs(e1), abs_e2 = Abs(e2), abs_s = Abs(s), abs_d = Abs(direction);
-    const Vec p_permanent = CrossPermanent(abs_d, abs_e2), q_permanent = CrossPermanent(abs_s, abs_e1);
-    const V det_permanent = Dot(abs_e1, p_permanent), u_permanent = Dot(abs_s, p_permanent);
-    const V v_permanent = Dot(abs_d, q_permanent), t_permanent = Dot(abs_e2, q_permanent);
-    const Approximate det{Dot(e1, p), hn::Mul(unit, det_permanent)};
-    const Approximate u{Dot(s, p), hn::Mul(unit, u_permanent)};
-    const Approximate v{Dot(direction, q), hn::Mul(unit, v_permanent)};
-    const Approximate w{hn::Sub(hn::Sub(det.value, u.value), v.value),
-                        hn::Mul(unit, hn::Add(hn::Add(det_permanent, u_permanent), v_permanent))};
-    const Approximate t{Dot(e2, q), hn::Mul(unit, t_permanent)};
-
-    // 2. Which lanes are certain, and which of these are hits.
-    const M positive = hn::Or(hn::Or(IsPositive(det), IsPositive(u)), hn::Or(IsPositive(v), IsPositive(w)));
-    const M negative = hn::Or(hn::Or(IsNegative(det), IsNegative(u)), hn::Or(IsNegative(v), IsNegative(w)));
-    M missed = hn::Or(hn::And(positive, negative), hn::Eq(det_permanent, hn::Zero(d)));
-    M uncertain = hn::Or(hn::Or(IsUncertain(det), IsUncertain(u)), hn::Or(IsUncertain(v), IsUncertain(w)));
-    const M back = hn::Lt(det.value, hn::Zero(d));
-    const V sign = hn::And(det.value, hn::SignBit(d));
-    for (int end = 0; end < 2; ++end) {
-      const V at = hn::LoadU(d, ends_[end] + first);
-      const V beyond = hn::Xor(hn::Sub(t.value, hn::Mul(at, det.value)), sign);
-      const Approximate inside{end == 0 ? beyond : hn::Neg(beyond),
-                               hn::Mul(unit, hn::Add(t_permanent, hn::Mul(hn::Abs(at), det_permanent)))};
-      missed = hn::Or(missed, hn::AndNot(IsUncertain(det), IsNegative(inside)));
-      uncertain = hn::Or(uncertain, IsUncertain(inside));
-    }
-    if (culling_ != Culling::kNone) {
-      const M culled = culling_ == Culling::kBack ? back : hn::Not(back);
-      missed = hn::Or(missed, hn::AndNot(IsUncertain(det), culled));
-    }
-    M certain = hn::Not(hn::Or(uncertain, missed));
-
-    // 3. Round; lanes of which that can not be told, are decided one by one.
+    const Test test(queued_, first, culling_);
+    M certain = hn::Not(hn::Or(test.uncertain, test.missed));
+    // Lanes of which the rounded numbers can not be told, are decided one by one.
     float rounded[3][hn::MaxLanes(D())];
-    Round(t, det, hn::LoadU(d, unscale_ + first), rounded[0], &certain);
-    Round(u, det, hn::Set(d, 1.0), rounded[1], &certain);
-    Round(v, det, hn::Set(d, 1.0), rounded[2], &certain);
-    const uint32_t hit_bits = Bits(certain), missed_bits = Bits(missed), back_bits = Bits(back);
+    Round(Interval(test.t, test.det), hn::LoadU(d, queued_.unscale + first), rounded[0], &certain);
+    Round(Interval(test.u, test.det), hn::Set(d, 1.0), rounded[1], &certain);
+    Round(Interval(test.v, test.det), hn::Set(d, 1.0), rounded[2], &certain);
+    const uint32_t hit_bits = Bits(certain), missed_bits = Bits(test.missed), back_bits = Bits(test.back);
     for (size_t i = 0; i < count; ++i) {
       Hit& hit = hits_[ray_[first + i]];
       if (hit_bits >> i & 1) {
@@ -179,6 +241,11 @@ class DecisionQueue {
     }
   }
 
+  HWY_ATTR HWY_INLINE LeafView ViewOf(const Suspect& suspect) const {
+    const ChildRef leaf(suspect.leaf);
+    return {reinterpret_cast<const float*>(base_ + leaf.offset() * UnitBytes(kWidth)), leaf.triangles()};
+  }
+
   HWY_ATTR static HWY_INLINE uint32_t Bits(M mask) {
     uint8_t bits[8] = {};
     hn::StoreMaskBits(D(), mask, bits);
@@ -191,14 +258,10 @@ class DecisionQueue {
   ClosestDecider& decider_;
   const std::span<Hit> hits_;
 
-  size_t size_ = 0;
-  HWY_ALIGN double corners_[9][kQueued] = {};
-  HWY_ALIGN double origin_[3][kQueued] = {};
-  HWY_ALIGN double direction_[3][kQueued] = {};
-  HWY_ALIGN double ends_[2][kQueued] = {};
-  HWY_ALIGN double unscale_[kQueued] = {};
-  uint32_t ray_[kQueued] = {};
-  uint32_t primitive_[kQueued] = {};
+  Pairs queued_, several_;
+  size_t size_ = 0;  // of queued_
+  uint32_t ray_[kPairs] = {};
+  uint32_t primitive_[kPairs] = {};
 };
 
 }  // namespace HWY_NAMESPACE

@@ -215,10 +215,11 @@ struct ExactTest {
 
   HWY_ATTR static void SetUp(RaySlot&) {}
 
+  // What the first step hands on is kept for every leaf, so that it is little; the second one works the rest out again.
   struct First {
     VLeaf det, u, v, t;  // turned so that the determinant counts as positive
     VLeaf sign;
-    VLeaf det_slack, edge_slack, t_slack;
+    VLeaf far;  // the first corner's distance from the ray's origin along the farthest axis
     MLeaf mask;
   };
 
@@ -226,28 +227,21 @@ struct ExactTest {
     const DLeaf d;
     const MollerTrumbore test(ray, leaf, first);
     First result;
-    // 1. Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
-    const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
-    const VLeaf far = hn::Max(hn::Max(hn::Abs(test.sx), hn::Abs(test.sy)), hn::Abs(test.sz));
-    result.det_slack = hn::Mul(hn::Set(d, ray.det_slack), size2);
-    result.edge_slack = hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
-    result.t_slack = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
-
-    // 2. Certainly beside the triangle, whether or not the determinant has a certain sign; or certainly out of the
-    // range.
     result.sign = hn::And(test.det, hn::SignBit(d));
     result.det = hn::Xor(test.det, result.sign);
     result.u = hn::Xor(test.u, result.sign), result.v = hn::Xor(test.v, result.sign);
     result.t = hn::Xor(test.t, result.sign);
+    result.far = hn::Max(hn::Max(hn::Abs(test.sx), hn::Abs(test.sy)), hn::Abs(test.sz));
+
+    // Certainly beside the triangle, whether or not the determinant has a certain sign.
+    const Slack slack(ray, leaf, first, result.far);
     const VLeaf w = hn::Sub(hn::Sub(result.det, result.u), result.v);
     const VLeaf least = hn::Min(hn::Min(result.u, result.v), w), greatest = hn::Max(hn::Max(result.u, result.v), w);
-    const MLeaf sure = hn::Gt(result.det, result.det_slack);
-    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, result.edge_slack));
-    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(result.edge_slack)), positive);
-    const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
-    const MLeaf before = hn::Lt(hn::Add(result.t, EndSlack(t_min, result)), hn::Mul(t_min, result.det));
-    const MLeaf behind = hn::Gt(hn::Sub(result.t, EndSlack(limit, result)), hn::Mul(limit, result.det));
-    const MLeaf out = hn::Or(beside, hn::And(sure, hn::Or(before, behind)));
+    const MLeaf sure = hn::Gt(result.det, slack.det);
+    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, slack.edge));
+    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(slack.edge)), positive);
+    const Ends ends(ray, result, slack);
+    const MLeaf out = hn::Or(beside, hn::And(sure, ends.outside));
     result.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
     return result;
   }
@@ -258,19 +252,21 @@ struct ExactTest {
                                              const First& start, Culling culling, float* certain_limit) {
     const DLeaf d;
     const VLeaf det = start.det, t = start.t;
-    const MLeaf sure = hn::Gt(det, start.det_slack);
-    // 1. Culled for certain, excluded.
+    const Slack slack(ray, leaf, first, start.far);
+    const VLeaf t_slack = slack.t;
+    const MLeaf sure = hn::Gt(det, slack.det);
+    // 1. Culled for certain, excluded, or certainly out of the interval.
     LeafHits hits;
     hits.back = IsNegative(start.sign);
-    const MLeaf culled = hn::AndNot(NotCulled(culling, hits.back), sure);
+    const MLeaf culled = hn::Not(NotCulled(culling, hits.back));
     const hn::RebindToUnsigned<DLeaf> du;
     const auto ids = hn::And(hn::LoadU(du, leaf.ids() + first), hn::Set(du, kPrimitiveMask));
     const MLeaf excluded = hn::RebindMask(d, hn::Eq(ids, hn::Set(du, ray.excluded)));
-    hits.mask = hn::AndNot(hn::Or(culled, excluded), start.mask);
+    hits.mask = hn::AndNot(hn::Or(excluded, hn::And(sure, culled)), start.mask);
 
     // 2. Bounds of t: (T -+ slack) / (det +- slack), and the roundings of that.
-    const VLeaf t_low = hn::Sub(t, start.t_slack), t_high = hn::Add(t, start.t_slack);
-    const VLeaf det_low = hn::Sub(det, start.det_slack), det_high = hn::Add(det, start.det_slack);
+    const VLeaf t_low = hn::Sub(t, t_slack), t_high = hn::Add(t, t_slack);
+    const VLeaf det_low = hn::Sub(det, slack.det), det_high = hn::Add(det, slack.det);
     const VLeaf zero = hn::Zero(d), down = hn::Set(d, 1 - 0x1p-21f), up = hn::Set(d, 1 + 0x1p-21f);
     const MLeaf low_negative = hn::Lt(t_low, zero), high_negative = hn::Lt(t_high, zero);
     const VLeaf lower = hn::Mul(hn::Div(t_low, hn::IfThenElse(low_negative, det_low, det_high)),
@@ -281,20 +277,45 @@ struct ExactTest {
 
     // 3. Hits for certain.
     const VLeaf w = hn::Sub(hn::Sub(det, start.u), start.v);
-    const MLeaf inside = hn::And(sure, hn::Gt(hn::Min(hn::Min(start.u, start.v), w), start.edge_slack));
-    const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
-    const MLeaf within = hn::And(hn::Gt(hn::Sub(t, EndSlack(t_min, start)), hn::Mul(t_min, det)),
-                                 hn::Lt(hn::Add(t, EndSlack(limit, start)), hn::Mul(limit, det)));
-    const MLeaf certain = hn::And(hits.mask, hn::And(inside, within));
-    *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, limit)));
+    const MLeaf inside = hn::And(sure, hn::Gt(hn::Min(hn::Min(start.u, start.v), w), slack.edge));
+    const Ends ends(ray, start, slack);
+    const MLeaf certain = hn::And(hits.mask, hn::And(inside, ends.within));
+    *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, hn::Set(d, ray.limit))));
     return hits;
   }
 
  private:
-  // The error bound of T - end * det.
-  HWY_ATTR static HWY_INLINE VLeaf EndSlack(VLeaf end, const First& start) {
-    return hn::MulAdd(hn::Set(DLeaf(), 1.25f), hn::Mul(hn::Abs(end), start.det_slack), start.t_slack);
-  }
+  // Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
+  struct Slack {
+    VLeaf det, edge, t;
+
+    HWY_ATTR HWY_INLINE Slack(const RaySlot& ray, const LeafView& leaf, uint32_t first, VLeaf far) {
+      const DLeaf d;
+      const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
+      det = hn::Mul(hn::Set(d, ray.det_slack), size2);
+      edge = hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
+      t = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
+    }
+  };
+
+  // Whether t is in the interval, where the sign of the determinant is certain.
+  struct Ends {
+    MLeaf outside, within;  // for certain
+
+    HWY_ATTR HWY_INLINE Ends(const RaySlot& ray, const First& test, const Slack& slack) {
+      const DLeaf d;
+      const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
+      const VLeaf at_t_min = hn::Mul(t_min, test.det), at_limit = hn::Mul(limit, test.det);
+      const VLeaf t_min_slack = EndSlack(t_min, slack), limit_slack = EndSlack(limit, slack);
+      outside = hn::Or(hn::Lt(hn::Add(test.t, t_min_slack), at_t_min), hn::Gt(hn::Sub(test.t, limit_slack), at_limit));
+      within = hn::And(hn::Gt(hn::Sub(test.t, t_min_slack), at_t_min), hn::Lt(hn::Add(test.t, limit_slack), at_limit));
+    }
+
+    // The error bound of T - end * det.
+    HWY_ATTR static HWY_INLINE VLeaf EndSlack(VLeaf end, const Slack& slack) {
+      return hn::MulAdd(hn::Set(DLeaf(), 1.25f), hn::Mul(hn::Abs(end), slack.det), slack.t);
+    }
+  };
 };
 
 }  // namespace HWY_NAMESPACE

@@ -58,7 +58,7 @@ class PacketTraversal {
     rays_are_set_up_ = false;
     if (!Traverse(always)) return Outcome::kGaveUp;
     if (rays_are_set_up_) {
-      for (size_t i = 0; i < kPacketRays; ++i) query_.End(slots()[i]);
+      for (size_t i = 0; i < kPacketRays; ++i) EndRay(query_, slots()[i]);
     } else {
       for (uint32_t i = 0; i < kPacketRays; ++i) query_.Miss(first + i);
     }

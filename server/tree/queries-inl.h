@@ -37,6 +37,16 @@ HWY_ATTR HWY_INLINE void ForEachHit(const LeafHits& hits, Lane&& lane) {
   }
 }
 
+// Writes the answer of a ray. Each query has Miss, and End for rays that may hit something.
+template <typename Query>
+HWY_ATTR HWY_INLINE void EndRay(Query& query, RaySlot& ray) {
+  if (ray.MayHit()) {
+    query.End(ray);
+  } else {
+    query.Miss(ray.ray);
+  }
+}
+
 // The closest hit at kFast and kWatertight.
 template <typename LevelTest>
 class ClosestQuery {
@@ -73,14 +83,11 @@ class ClosestQuery {
   void Miss(uint32_t ray) { hits_[ray] = Hit(); }
 
   HWY_ATTR void End(const RaySlot& ray) {
-    Hit& hit = hits_[ray.ray];
-    hit = Hit();
-    if (ray.primitive == kNoPrimitive) return;
-    hit = {.t = static_cast<float>(ray.t * ray.t_unscale),
-           .u = ray.u,
-           .v = ray.v,
-           .primitive = ray.primitive,
-           .back = ray.back != 0};
+    hits_[ray.ray] = {.t = static_cast<float>(ray.t * ray.t_unscale),
+                      .u = ray.u,
+                      .v = ray.v,
+                      .primitive = ray.primitive,
+                      .back = ray.back != 0};
   }
 
  private:
@@ -113,7 +120,7 @@ class AnyQuery {
 
   void Miss(uint32_t ray) { any_[ray] = 0; }
 
-  HWY_ATTR void End(const RaySlot& ray) { any_[ray.ray] = ray.primitive != kNoPrimitive; }
+  HWY_ATTR void End(const RaySlot& ray) { any_[ray.ray] = 1; }
 
  private:
   const Culling culling_;
@@ -159,9 +166,10 @@ class ExactClosestQuery {
 
   HWY_ATTR void End(RaySlot& ray) {
     if (ray.suspect_count > 1) DropNeedless(scene_, ray);
-    if (!decider_.KnowsAll(ray)) return decider_.Decide(ray);
+    if (ray.primitive != kNoPrimitive || !ray.exact) return decider_.Decide(ray);
+    if (ray.suspect_count > 1) queue_.Narrow(ray);
     if (ray.suspect_count == 0) return Miss(ray.ray);
-    if (ray.suspect_count > 1 || !ray.exact) return decider_.Decide(ray);
+    if (ray.suspect_count > 1) return decider_.Decide(ray);
     queue_.Add(ray);
   }
 
@@ -242,6 +250,7 @@ class CollectQuery {
     }
   }
 
+  void Miss(uint32_t) {}
   HWY_ATTR void End(const RaySlot&) {}
 
  private:

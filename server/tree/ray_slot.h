@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "server/geometry/ray.h"
 #include "server/tree/wide_node.h"
 
 namespace deltaray {
@@ -50,7 +51,7 @@ struct alignas(64) RaySlot {
   uint32_t ray;      // index in the batch
   uint32_t exact;    // whether origin, direction and ends are the ray's own, but for powers of two
 
-  // The answer so far.
+  // The answer so far; at kExact, of the suspects that were decided to make room.
   uint32_t primitive;
   uint32_t suspect_count;
   float t, u, v;
@@ -63,6 +64,9 @@ struct alignas(64) RaySlot {
   static constexpr uint32_t kMaxSuspects = 8;
   float suspect_t[kMaxSuspects];
   Suspect suspects[kMaxSuspects];
+
+  // Whether there is an answer other than that nothing is hit, as far as is known. Without a branch.
+  bool MayHit() const { return (static_cast<uint32_t>(primitive != kNoPrimitive) | suspect_count) != 0; }
 };
 
 }  // namespace deltaray

@@ -82,7 +82,7 @@ class StreamTraversal {
         size += PushChildren(base_ + ref.offset() * kUnitBytes, mask, masks + size, refs + size);
       }
     }
-    for (uint32_t rest = traced; rest != 0; rest &= rest - 1) query_.End(FirstOf(rest));
+    for (uint32_t rest = traced; rest != 0; rest &= rest - 1) EndRay(query_, FirstOf(rest));
     return entries == 0 ? 0 : static_cast<double>(shares) / static_cast<double>(entries);
   }
 
@@ -101,7 +101,7 @@ class StreamTraversal {
           traced |= 1u << i;
           break;
         case Setup::Kind::kMisses:
-          query_.End(slot);
+          query_.Miss(slot.ray);
           break;
         case Setup::Kind::kOdd:
           odd_->push_back(slot.ray);

@@ -35,14 +35,8 @@ void DropNeedless(const WideScene& scene, RaySlot& ray) {
   ray.suspect_count = kept;
 }
 
-void ClosestDecider::VisitAll(const RaySlot& ray, Collector& collector) {
-  const auto early =
-      std::find_if(early_.begin(), early_.end(), [&ray](const Early& entry) { return entry.ray == ray.ray; });
-  if (early != early_.end()) {
-    collector.Visit(early->primitive);
-    *early = early_.back();
-    early_.pop_back();
-  }
+void ClosestDecider::VisitAll(const RaySlot& ray, Collector& collector) const {
+  if (ray.primitive != kNoPrimitive) collector.Visit(ray.primitive);
   for (uint32_t i = 0; i < ray.suspect_count; ++i) collector.Visit(PrimitiveOf(scene_, ray.suspects[i]));
 }
 
@@ -51,12 +45,8 @@ float ClosestDecider::DecideEarly(RaySlot& ray) {
   VisitAll(ray, collector);
   ray.suspect_count = 0;
   if (collector.primitive() == kNoPrimitive) return ray.limit;
-  early_.push_back({ray.ray, collector.primitive()});
+  ray.primitive = collector.primitive();
   return LimitInFrame(ray, collector.limit());
-}
-
-bool ClosestDecider::KnowsAll(const RaySlot& ray) const {
-  return std::none_of(early_.begin(), early_.end(), [&ray](const Early& entry) { return entry.ray == ray.ray; });
 }
 
 void ClosestDecider::Decide(const RaySlot& ray) {

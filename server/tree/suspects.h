@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "server/geometry/ray.h"
 #include "server/tree/collector.h"
@@ -29,28 +28,21 @@ class ClosestDecider {
   ClosestDecider(const WideScene& scene, std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits)
       : scene_(scene), rays_(rays), options_(options), hits_(hits) {}
 
-  // Empties the ray's list of suspects, keeping the closest hit among them in mind, and returns its new limit.
+  // Empties the ray's list of suspects, keeping the closest hit among them as ray.primitive, and returns its new limit.
   float DecideEarly(RaySlot& ray);
-  // Whether the list has all that the ray may hit.
-  bool KnowsAll(const RaySlot& ray) const;
   // Writes the ray's hit.
   void Decide(const RaySlot& ray);
   // Writes the hit of a ray that can hit one primitive only.
   void DecideOne(uint32_t ray, uint32_t primitive);
 
  private:
-  struct Early {
-    uint32_t ray, primitive;
-  };
-
-  // Looks at all suspects and at the closest one of those decided early.
-  void VisitAll(const RaySlot& ray, Collector& collector);
+  // Looks at all suspects, and at the closest one of those decided early.
+  void VisitAll(const RaySlot& ray, Collector& collector) const;
 
   const WideScene& scene_;
   const std::span<const Ray> rays_;
   const QueryOptions& options_;
   const std::span<Hit> hits_;
-  std::vector<Early> early_;  // of rays in flight: few
 };
 
 // Decides whether there is a hit. One object a batch.
@@ -63,7 +55,7 @@ class AnyDecider {
   bool DecideEarly(RaySlot& ray);
   // Writes a miss.
   void Miss(uint32_t ray) { any_[ray] = 0; }
-  // Writes the ray's answer.
+  // Writes the answer of a ray that may hit something.
   void End(RaySlot& ray) { any_[ray.ray] = ray.primitive != kNoPrimitive || DecideEarly(ray); }
 
  private:

@@ -75,6 +75,10 @@ int main(int argc, char** argv) {
   service->add_option("--streams", service_options.streams, "Streams at once")->check(CLI::Range(1, 256));
   service->add_option("--batches", service_options.batches, "Rays of a batch")->check(CLI::Range(1, 1 << 20));
   service->add_option("--upload-scene", service_options.upload_scene, "Uploaded to see how soon it is answered from");
+  service
+      ->add_option("--certificates", service_options.certificates,
+                   "Directory that tests/certificates.sh has filled: measures TLS too")
+      ->check(CLI::ExistingDirectory);
   service->add_option("--size", service_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
   service->add_option("--calls", service_options.calls, "Calls to take latencies of")->check(CLI::Range(1, 1 << 20));
   service->add_option("--rounds", service_options.rounds, "Passes to take the median of")->check(CLI::Range(1, 1000));

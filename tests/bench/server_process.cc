@@ -11,6 +11,7 @@
 #include <fstream>
 #include <system_error>
 #include <thread>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -27,7 +28,8 @@ std::string BesideThisProgram() {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string binary) {
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string binary,
+                                                                    const std::vector<std::string>& flags) {
   if (binary.empty()) binary = BesideThisProgram();
   if (access(binary.c_str(), X_OK) != 0) {
     return absl::NotFoundError(absl::StrCat(binary, " is missing: build the target deltarayd"));
@@ -37,6 +39,10 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string 
   std::unique_ptr<ServerProcess> server(new ServerProcess(directory));
 
   const std::string port_file = directory + "/port", data = directory + "/data";
+  std::vector<const char*> arguments = {binary.c_str(), "--listen",   "127.0.0.1:0", "--port-file", port_file.c_str(),
+                                        "--data-dir",   data.c_str(), "--log-level", "warning"};
+  for (const std::string& flag : flags) arguments.push_back(flag.c_str());
+  arguments.push_back(nullptr);
   const pid_t parent = getpid();
   server->process_ = fork();
   if (server->process_ < 0) return absl::UnavailableError("cannot start another process");
@@ -44,8 +50,7 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string 
     // Only what may be called after a fork of a program with threads.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(127);
-    execl(binary.c_str(), binary.c_str(), "--listen", "127.0.0.1:0", "--port-file", port_file.c_str(), "--data-dir",
-          data.c_str(), "--log-level", "warning", static_cast<char*>(nullptr));
+    execv(binary.c_str(), const_cast<char**>(arguments.data()));
     _exit(127);
   }
   if (clock_getcpuclockid(server->process_, &server->clock_) != 0) {

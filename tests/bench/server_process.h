@@ -9,6 +9,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -18,8 +19,9 @@ namespace deltaray {
 // ends, and the directory goes, when this does; also where this process is killed.
 class ServerProcess {
  public:
-  // Starts `binary`; empty: the deltarayd beside this program. Returns once it listens.
-  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(std::string binary);
+  // Starts `binary`; empty: the deltarayd beside this program. Adds `flags` to what it needs. Returns once it listens.
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(std::string binary,
+                                                              const std::vector<std::string>& flags = {});
   ~ServerProcess();
   ServerProcess(const ServerProcess&) = delete;
   ServerProcess& operator=(const ServerProcess&) = delete;

@@ -51,8 +51,20 @@ struct Target {
   std::vector<float> t;  // the right answers
 };
 
-// One number of streams and size of batch. Each stream has a connection of its own, which stands before the clock runs.
+// A server, and how it is reached.
+struct Served {
+  std::unique_ptr<ServerProcess> process;
+  std::string ca_file;  // empty: in plaintext
+
+  absl::StatusOr<std::unique_ptr<BenchConnection>> Connect() const {
+    return BenchConnection::Open(process->address(), ca_file);
+  }
+};
+
+// One server, number of streams and size of batch. Each stream has a connection of its own, which stands before the
+// clock runs.
 struct Load {
+  const Served* from;
   std::vector<std::unique_ptr<BenchConnection>> connections;
   uint32_t batch = 0;
   Samples mrays_s, server, client, beyond;  // the last three: processor seconds per million rays
@@ -83,16 +95,19 @@ absl::Status SendAll(const Target& target, const Load& load, uint32_t passes) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<Load>> MakeLoads(const ServerProcess& server, const ServiceBenchOptions& options) {
+absl::StatusOr<std::vector<Load>> MakeLoads(const std::vector<Served>& servers, const ServiceBenchOptions& options) {
   std::vector<Load> loads;
   for (const uint32_t streams : options.streams) {
     for (const uint32_t batch : options.batches) {
-      Load& load = loads.emplace_back();
-      load.batch = batch;
-      for (uint32_t i = 0; i < streams; ++i) {
-        auto connection = BenchConnection::Open(server.address());
-        if (!connection.ok()) return connection.status();
-        load.connections.push_back(*std::move(connection));
+      for (const Served& server : servers) {
+        Load& load = loads.emplace_back();
+        load.from = &server;
+        load.batch = batch;
+        for (uint32_t i = 0; i < streams; ++i) {
+          auto connection = server.Connect();
+          if (!connection.ok()) return connection.status();
+          load.connections.push_back(*std::move(connection));
+        }
       }
     }
   }
@@ -100,9 +115,9 @@ absl::StatusOr<std::vector<Load>> MakeLoads(const ServerProcess& server, const S
 }
 
 // Throughput, and what it costs either side, against the same rays in-process.
-absl::Status MeasureThroughput(const ServerProcess& server, const Target& target, const ServiceBenchOptions& options,
-                               Lines* lines) {
-  absl::StatusOr<std::vector<Load>> loads = MakeLoads(server, options);
+absl::Status MeasureThroughput(const std::vector<Served>& servers, const Target& target,
+                               const ServiceBenchOptions& options, Lines* lines) {
+  absl::StatusOr<std::vector<Load>> loads = MakeLoads(servers, options);
   if (!loads.ok()) return loads.status();
   const size_t rays = target.set->rays.size();
   if (rays == 0) return absl::OkStatus();
@@ -115,6 +130,7 @@ absl::Status MeasureThroughput(const ServerProcess& server, const Target& target
     Load& load = (*loads)[i];
     const double kernel =
         1e6 / static_cast<double>(rays) * TraceAll(*target.kernel, target.set->rays, cores, kChunk, hits);
+    const ServerProcess& server = *load.from->process;
     const double server_start = server.CpuSeconds();
     BuildCost cost;
     const Stopwatch stopwatch;
@@ -135,7 +151,8 @@ absl::Status MeasureThroughput(const ServerProcess& server, const Target& target
   for (const Load& load : *loads) {
     const auto add = [&](const char* quantity, const Samples& samples) {
       const auto streams = static_cast<uint32_t>(load.connections.size());
-      lines->Add("throughput", target.scene, set, streams, load.batch, quantity, samples);
+      lines->Add(load.from->ca_file.empty() ? "throughput" : "throughput_tls", target.scene, set, streams, load.batch,
+                 quantity, samples);
     };
     add("mrays_s", load.mrays_s);
     add("server_cpu_s_per_mray", load.server);
@@ -192,14 +209,27 @@ absl::Status MeasureUpload(Connection& connection, const Scene& scene, const Ser
   return absl::OkStatus();
 }
 
-absl::Status MeasureScene(const ServerProcess& server, Connection& connection, const Scene& scene,
-                          const ServiceBenchOptions& options, Lines* lines) {
-  const absl::StatusOr<FinishedBuild> build = BuildOnce(scene.mesh, Config(), 0);
-  if (!build.ok()) return build.status();
-  const absl::StatusOr<std::string> mesh_id = UploadArrays(connection, *scene.mesh, [] {});
+// Has the server hold a mesh with its final tree; returns the mesh's id.
+absl::StatusOr<std::string> Serve(Connection& connection, const TriangleMesh& mesh) {
+  const absl::StatusOr<std::string> mesh_id = UploadArrays(connection, mesh, [] {});
   if (!mesh_id.ok()) return mesh_id.status();
   if (auto reply = Cast(connection, *mesh_id, WireRays({}), 0, 0, v1::BUILD_WAIT_FINAL); !reply.ok())
     return reply.status();
+  return mesh_id;
+}
+
+// `connection`: to the first server.
+absl::Status MeasureScene(const std::vector<Served>& servers, Connection& connection, const Scene& scene,
+                          const ServiceBenchOptions& options, Lines* lines) {
+  const absl::StatusOr<FinishedBuild> build = BuildOnce(scene.mesh, Config(), 0);
+  if (!build.ok()) return build.status();
+  absl::StatusOr<std::string> mesh_id;
+  for (const Served& server : servers) {
+    const auto own = server.Connect();
+    if (!own.ok()) return own.status();
+    mesh_id = Serve(***own, *scene.mesh);
+    if (!mesh_id.ok()) return mesh_id.status();
+  }
   for (const std::string& name : options.rays) {
     const Tree& tree = *build->snapshot->tree;
     const absl::StatusOr<RaySet> set = MakeRaySet(name, *scene.mesh, tree, options.size);
@@ -213,10 +243,25 @@ absl::Status MeasureScene(const ServerProcess& server, Connection& connection, c
     std::vector<Hit> hits(set->rays.size());
     TraceAll(*target.kernel, set->rays, 1, kChunk, hits);
     std::ranges::transform(hits, target.t.begin(), &Hit::t);
-    if (absl::Status status = MeasureThroughput(server, target, options, lines); !status.ok()) return status;
+    if (absl::Status status = MeasureThroughput(servers, target, options, lines); !status.ok()) return status;
     if (absl::Status status = MeasureLatency(connection, target, options, lines); !status.ok()) return status;
   }
   return absl::OkStatus();
+}
+
+// In plaintext, and where there are certificates by TLS.
+absl::StatusOr<std::vector<Served>> StartServers(const ServiceBenchOptions& options) {
+  std::vector<Served> servers;
+  const std::string& directory = options.certificates;
+  for (const bool tls : {false, true}) {
+    if (tls && directory.empty()) break;
+    std::vector<std::string> flags;
+    if (tls) flags = {"--tls-cert", directory + "/server.pem", "--tls-key", directory + "/server.key"};
+    absl::StatusOr<std::unique_ptr<ServerProcess>> process = ServerProcess::Start(options.server, flags);
+    if (!process.ok()) return process.status();
+    servers.push_back({*std::move(process), tls ? directory + "/ca.pem" : ""});
+  }
+  return servers;
 }
 
 }  // namespace
@@ -224,9 +269,9 @@ absl::Status MeasureScene(const ServerProcess& server, Connection& connection, c
 absl::Status RunServiceBench(const ServiceBenchOptions& options) {
   const absl::StatusOr<std::vector<Scene>> scenes = LoadScenes(options.scenes);
   if (!scenes.ok()) return scenes.status();
-  const absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(options.server);
-  if (!server.ok()) return server.status();
-  const absl::StatusOr<std::unique_ptr<BenchConnection>> connection = BenchConnection::Open((*server)->address());
+  const absl::StatusOr<std::vector<Served>> servers = StartServers(options);
+  if (!servers.ok()) return servers.status();
+  const absl::StatusOr<std::unique_ptr<BenchConnection>> connection = servers->front().Connect();
   if (!connection.ok()) return connection.status();
   Lines lines;
   if (!options.upload_scene.empty()) {
@@ -236,7 +281,7 @@ absl::Status RunServiceBench(const ServiceBenchOptions& options) {
     if (!status.ok()) return status;
   }
   for (const Scene& scene : *scenes) {
-    absl::Status status = MeasureScene(**server, ***connection, scene, options, &lines);
+    absl::Status status = MeasureScene(*servers, ***connection, scene, options, &lines);
     if (!status.ok()) return status;
   }
   return WriteLines(options.csv, lines.lines());

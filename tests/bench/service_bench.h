@@ -18,6 +18,8 @@ struct ServiceBenchOptions {
   std::vector<uint32_t> batches;  // rays of a batch
   // The scene that is uploaded to see how soon it is answered from. Empty: none.
   std::string upload_scene;
+  // Made by tests/certificates.sh: throughput is measured by TLS too, on a server of its own. Empty: not.
+  std::string certificates;
   uint32_t size = 1024;   // see MakeRaySet
   uint32_t calls = 2000;  // that latencies are taken of
   uint32_t rounds = 5;

@@ -45,8 +45,9 @@ v1::RayQuery Query(const WireRays& rays) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<BenchConnection>> BenchConnection::Open(const std::string& address) {
-  std::unique_ptr<BenchConnection> connection(new BenchConnection(address));
+absl::StatusOr<std::unique_ptr<BenchConnection>> BenchConnection::Open(const std::string& address,
+                                                                       const std::string& ca_file) {
+  std::unique_ptr<BenchConnection> connection(new BenchConnection(address, ca_file));
   connection->connection_ = Connection::Open(connection->session_);
   if (!connection->connection_.ok()) return connection->connection_.status();
   return connection;
@@ -76,8 +77,8 @@ absl::Status DeleteMesh(Connection& connection, const std::string& mesh) {
   v1::DeleteMeshRequest request;
   request.set_mesh(mesh);
   v1::DeleteMeshResponse response;
-  return connection.Call(
-      [&](grpc::ClientContext* context) { return connection.meshes().DeleteMesh(context, request, &response); });
+  return connection.CallOnce(
+      mesh, [&](grpc::ClientContext* context) { return connection.meshes().DeleteMesh(context, request, &response); });
 }
 
 WireRays::WireRays(std::span<const Ray> rays) {

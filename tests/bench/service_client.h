@@ -23,13 +23,23 @@ namespace deltaray {
 // A connection with what it needs to live.
 class BenchConnection {
  public:
-  static absl::StatusOr<std::unique_ptr<BenchConnection>> Open(const std::string& address);
+  // By TLS where `ca_file` is not empty.
+  static absl::StatusOr<std::unique_ptr<BenchConnection>> Open(const std::string& address,
+                                                               const std::string& ca_file = "");
   Connection& operator*() { return *connection_; }
   Connection* operator->() { return &*connection_; }
 
  private:
-  explicit BenchConnection(const std::string& address)
-      : session_{-1, stdout, stderr, false, stop_, address, /*timeout_seconds=*/60} {}
+  BenchConnection(const std::string& address, const std::string& ca_file)
+      : session_{.input_fd = -1,
+                 .output = stdout,
+                 .messages = stderr,
+                 .show_progress = false,
+                 .stop = stop_,
+                 .server = address,
+                 .timeout_seconds = 60,
+                 .retry_seconds = 0,  // what is lost must show
+                 .security = {.ca_file = ca_file}} {}
 
   StopSignal stop_;
   const Session session_;

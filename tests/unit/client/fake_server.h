@@ -27,14 +27,23 @@ struct FakeBehaviour {
   // StreamRays: fail with this before reading batch number `fail_at_batch`.
   grpc::Status stream_status;
   uint64_t fail_at_batch = ~uint64_t{0};
+  // StreamRays, WatchBuild after its first report, ListMeshes and DeleteMesh: so many calls fail; with stream_status,
+  // the last three with UNAVAILABLE.
+  int stream_failures = std::numeric_limits<int>::max();
+  int watch_failures = 0;
+  int list_failures = 0;
+  int delete_failures = 0;
+  // StreamRays: the id that each stream after the first one answers for, where not empty.
+  std::string moved_mesh;
   // StreamRays: number of the first reply, where not 0 a wrong one.
   uint64_t first_batch_number = 0;
   // StreamRays: added to the count in the trailing metadata.
   uint64_t extra_batches = 0;
   // WatchBuild ends with this state.
   v1::MeshState final_state = v1::MESH_STATE_READY;
-  // UploadMesh fails with this after the header.
+  // UploadMesh: so many calls fail with this after the header.
   grpc::Status upload_status;
+  int upload_failures = std::numeric_limits<int>::max();
   // ListMeshes sleeps so long.
   int list_delay_ms = 0;
 };
@@ -59,6 +68,8 @@ class FakeMeshService : public v1::MeshService::Service {
     return nullptr;
   }
 
+  static grpc::Status Lost() { return grpc::Status(grpc::StatusCode::UNAVAILABLE, "lost"); }
+
   static grpc::Status NotFound(const std::string& key) {
     return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such mesh: " + key);
   }
@@ -68,7 +79,7 @@ class FakeMeshService : public v1::MeshService::Service {
     v1::UploadMeshRequest request;
     reader->Read(&request);
     const v1::UploadHeader header = request.header();
-    if (!behaviour->upload_status.ok()) return behaviour->upload_status;
+    if (!behaviour->upload_status.ok() && behaviour->upload_failures-- > 0) return behaviour->upload_status;
     std::string bytes;
     while (reader->Read(&request)) bytes += request.chunk();
     const std::lock_guard lock(mutex);
@@ -108,6 +119,7 @@ class FakeMeshService : public v1::MeshService::Service {
                           v1::ListMeshesResponse* response) override {
     std::this_thread::sleep_for(std::chrono::milliseconds(behaviour->list_delay_ms));
     const std::lock_guard lock(mutex);
+    if (behaviour->list_failures-- > 0) return Lost();
     auto it = request->page_token().empty() ? meshes.begin() : meshes.upper_bound(request->page_token());
     for (; it != meshes.end() && response->meshes_size() < 2; ++it) *response->add_meshes() = it->second;
     if (it != meshes.end()) response->set_next_page_token(response->meshes(1).id());
@@ -130,6 +142,7 @@ class FakeMeshService : public v1::MeshService::Service {
   grpc::Status DeleteMesh(grpc::ServerContext*, const v1::DeleteMeshRequest* request,
                           v1::DeleteMeshResponse* response) override {
     const std::lock_guard lock(mutex);
+    if (behaviour->delete_failures-- > 0) return Lost();
     const v1::Mesh* mesh = Find(request->mesh());
     if (mesh == nullptr) return NotFound(request->mesh());
     response->set_id(mesh->id());
@@ -162,6 +175,7 @@ class FakeMeshService : public v1::MeshService::Service {
     progress.set_phase(v1::BUILD_PHASE_TOP);
     progress.set_references_placed(500);
     writer->Write(response);
+    if (behaviour->watch_failures-- > 0) return Lost();
     progress.set_state(v1::MESH_STATE_PROVISIONAL);
     progress.set_phase(v1::BUILD_PHASE_DELTA_LEAVES);
     progress.set_delta_leaves(40);
@@ -204,6 +218,8 @@ class FakeRayService : public v1::RayService::Service {
  public:
   FakeBehaviour* behaviour;
   std::mutex mutex;
+  std::vector<v1::StreamStart> starts;  // of all streams
+  std::multimap<std::string, std::string> last_metadata;
   v1::StreamStart last_start;
   std::vector<size_t> last_batch_bytes;
   std::string last_excluded;
@@ -252,18 +268,24 @@ class FakeRayService : public v1::RayService::Service {
     }
     const std::lock_guard lock(mutex);
     last_start = request.start();
+    starts.push_back(last_start);
+    last_metadata.clear();
+    for (const auto& [key, value] : context->client_metadata()) {
+      last_metadata.emplace(std::string(key.data(), key.size()), std::string(value.data(), value.size()));
+    }
+    const bool moved = starts.size() > 1 && !behaviour->moved_mesh.empty();
     last_batch_bytes.clear();
     last_excluded.clear();
     if (last_start.mesh() == "missing") return FakeMeshService::NotFound("missing");
     uint64_t batches = 0;
     while (true) {
-      if (batches == behaviour->fail_at_batch) return behaviour->stream_status;
+      if (batches == behaviour->fail_at_batch && behaviour->stream_failures-- > 0) return behaviour->stream_status;
       if (!stream->Read(&request)) break;
       last_batch_bytes.push_back(request.rays().rays().size());
       last_excluded += request.rays().excluded_primitive_ids();
       v1::StreamRaysResponse response;
       response.set_batch_number(behaviour->first_batch_number + batches);
-      response.set_mesh_id(last_start.mesh());
+      response.set_mesh_id(moved ? behaviour->moved_mesh : IdOf(last_start.mesh()));
       Answer(request.rays(), response.mutable_hits());
       ++batches;
       stream->Write(response);
@@ -273,6 +295,8 @@ class FakeRayService : public v1::RayService::Service {
   }
 
  private:
+  static std::string IdOf(const std::string& mesh) { return mesh.rfind("id of ", 0) == 0 ? mesh : "id of " + mesh; }
+
   template <typename T>
   static void Append(std::string* bytes, T value) {
     bytes->append(reinterpret_cast<const char*>(&value), sizeof(value));

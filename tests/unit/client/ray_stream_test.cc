@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cstring>
+#include <thread>
 
 #include "client/exit_code.h"
 #include "client/input_file.h"
@@ -163,6 +165,75 @@ TEST_F(RayStreamTest, ChecksRayCounts) {
       },
       [](const v1::HitBatch&) { return absl::OkStatus(); });
   EXPECT_EQ(status.message(), "the server's reply to batch 0 is for 1 rays, not 2");
+}
+
+// The server is lost at each 7th batch of a stream, and answers what was sent to it and not read.
+TEST_F(RayStreamTest, LostStreamsAreResumedWithoutLossOrDouble) {
+  session_.session().retry_seconds = 20;
+  start_.set_mesh("bunny");
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
+  server_.behaviour.fail_at_batch = 7;
+  server_.behaviour.stream_failures = 5;
+  const absl::Status status = Stream(100);
+  ASSERT_TRUE(status.ok()) << status;
+  EXPECT_EQ(right_, 20u * (1 + 2 + 3 + 4 + 5));
+  ASSERT_EQ(server_.ray_service.starts.size(), 6u);
+  EXPECT_EQ(server_.ray_service.starts[0].mesh(), "bunny");
+}
+
+TEST_F(RayStreamTest, AResumedStreamAsksForTheMeshThatWasAnsweredFirst) {
+  session_.session().retry_seconds = 20;
+  start_.set_mesh("bunny");
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::INTERNAL, "Received RST_STREAM with error code 2");
+  server_.behaviour.fail_at_batch = 2;
+  server_.behaviour.stream_failures = 1;
+  server_.behaviour.moved_mesh = "id of bunny";
+  ASSERT_TRUE(Stream(5).ok());
+  ASSERT_EQ(server_.ray_service.starts.size(), 2u);
+  EXPECT_EQ(server_.ray_service.starts[1].mesh(), "id of bunny");
+  EXPECT_EQ(server_.ray_service.last_metadata.find("deltaray-mesh")->second, "bunny");
+}
+
+TEST_F(RayStreamTest, AStreamThatIsAnsweredForTwoMeshesIsAnError) {
+  session_.session().retry_seconds = 20;
+  start_.set_mesh("bunny");
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
+  server_.behaviour.fail_at_batch = 2;
+  server_.behaviour.stream_failures = 1;
+  server_.behaviour.moved_mesh = "another";
+  EXPECT_EQ(Stream(5).message(), "the server's reply to batch 2 is of another mesh");
+}
+
+TEST_F(RayStreamTest, GivesUpWhenNoAnswerComesInTime) {
+  session_.session().retry_seconds = 0.5;
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
+  server_.behaviour.fail_at_batch = 0;
+  const auto start = std::chrono::steady_clock::now();
+  const absl::Status status = Stream(5);
+  EXPECT_EQ(ExitCode(status), 64 + 14);
+  EXPECT_EQ(status.message(), "draining");
+  EXPECT_GT(server_.ray_service.starts.size(), 2u);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
+}
+
+TEST_F(RayStreamTest, OtherErrorsAreNotRetried) {
+  session_.session().retry_seconds = 20;
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::INTERNAL, "a defect");
+  server_.behaviour.fail_at_batch = 1;
+  EXPECT_EQ(Stream(5).message(), "a defect");
+  EXPECT_EQ(server_.ray_service.starts.size(), 1u);
+}
+
+TEST_F(RayStreamTest, StopEndsTheWaitForALostServer) {
+  session_.session().retry_seconds = 3600;
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
+  server_.behaviour.fail_at_batch = 0;
+  std::thread stop([this] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    session_.stop.Fire();
+  });
+  EXPECT_FALSE(Stream(5).ok());
+  stop.join();
 }
 
 }  // namespace

@@ -28,7 +28,8 @@ class TestSession {
                  .show_progress = false,
                  .stop = stop,
                  .server = server,
-                 .timeout_seconds = 20} {}
+                 .timeout_seconds = 20,
+                 .retry_seconds = 0} {}
 
   ~TestSession() {
     close(session_.input_fd);

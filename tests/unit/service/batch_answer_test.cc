@@ -52,12 +52,12 @@ v1::RayBatch Batch(const std::vector<float>& numbers) {
 absl::StatusOr<v1::HitBatch> Answer(const TreeSnapshot& snapshot, const BatchQuery& query, const v1::RayBatch& batch,
                                     const BatchLimits& limits = {}, std::function<bool()> cancelled = nullptr) {
   if (!cancelled) cancelled = [] { return false; };
-  absl::StatusOr<grpc::Slice> answer = absl::UnknownError("not run");
+  absl::StatusOr<BatchAnswer> answer = absl::UnknownError("not run");
   Tracer tracer(2);
   tracer.Enqueue([&] { answer = AnswerBatch(snapshot, query, CopyRayBatch(batch), limits, cancelled); });
   tracer.Stop();
   if (!answer.ok()) return answer.status();
-  return ToHitBatch(*answer);
+  return ToHitBatch(answer->hits);
 }
 
 class BatchAnswerTest : public testing::Test {

@@ -6,23 +6,12 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/unit/service/sliced_message.h"
 
 namespace deltaray {
 namespace {
 
 using testing::HasSubstr;
-
-// `bytes` in slices of `size` bytes.
-grpc::ByteBuffer InSlices(const std::string& bytes, size_t size) {
-  std::vector<grpc::Slice> slices;
-  for (size_t i = 0; i < bytes.size(); i += size) slices.emplace_back(bytes.substr(i, size));
-  return {slices.data(), slices.size()};
-}
-
-std::string Read(const MessageSlices& message, RayBatchBytes::Range range) {
-  std::string scratch(range.size, '\0');
-  return {message.Read(range.offset, range.size, scratch.data()), range.size};
-}
 
 // What protobuf's own parser makes of `bytes`, and ParseRayMessage, whatever the slices: the same.
 template <typename Request>

@@ -98,6 +98,7 @@ class HookedStore final : public MeshStore {
   absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const override {
     return inner_->Statistics(mesh);
   }
+  StoreUsage Usage() const override { return inner_->Usage(); }
 
  private:
   const std::unique_ptr<MeshStore> inner_;

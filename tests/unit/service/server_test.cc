@@ -4,6 +4,7 @@
 #include <future>
 
 #include "gmock/gmock.h"
+#include "grpc/health/v1/health.grpc.pb.h"
 #include "gtest/gtest.h"
 #include "tests/unit/service/meshes.h"
 #include "tests/unit/service/running_server.h"
@@ -14,24 +15,17 @@ namespace {
 using grpc::StatusCode;
 using testing::HasSubstr;
 
-// grpc.health.v1.HealthCheckResponse of this status, and a request for a service.
-constexpr char kServing[] = {0x08, 0x01};
-constexpr char kNotServing[] = {0x08, 0x02};
-
-std::string HealthRequest(const std::string& service) {
-  if (service.empty()) return "";
-  return absl::StrCat("\x0a", std::string(1, static_cast<char>(service.size())), service);
-}
-
 class ServerTest : public RunningServer {
  protected:
+  // SERVING, NOT_SERVING, or the code of an error.
   std::string Health(const std::string& service) {
-    grpc::ByteBuffer response;
-    const grpc::Status status = CallRaw("/grpc.health.v1.Health/Check", HealthRequest(service), &response);
+    grpc::ClientContext context;
+    grpc::health::v1::HealthCheckRequest request;
+    request.set_service(service);
+    grpc::health::v1::HealthCheckResponse response;
+    const grpc::Status status = grpc::health::v1::Health::NewStub(channel_)->Check(&context, request, &response);
     if (!status.ok()) return absl::StrCat("error ", status.error_code());
-    grpc::Slice slice;
-    EXPECT_TRUE(response.DumpToSingleSlice(&slice).ok());
-    return {reinterpret_cast<const char*>(slice.begin()), slice.size()};
+    return grpc::health::v1::HealthCheckResponse::ServingStatus_Name(response.status());
   }
 
   static std::string SlowRays(size_t count) {
@@ -44,7 +38,7 @@ class ServerTest : public RunningServer {
 TEST_F(ServerTest, HealthKnowsTheServerAndBothServices) {
   Start();
   for (const char* service : {"", "deltaray.v1.MeshService", "deltaray.v1.RayService"}) {
-    EXPECT_EQ(Health(service), std::string(kServing, 2)) << service;
+    EXPECT_EQ(Health(service), "SERVING") << service;
   }
   EXPECT_EQ(Health("deltaray.v1.NoService"), absl::StrCat("error ", StatusCode::NOT_FOUND));
 }
@@ -68,7 +62,7 @@ TEST_F(ServerTest, HealthIsAnsweredWhileALargeBatchIsTracedOnTheSameConnection) 
   });
   ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
   const auto start = std::chrono::steady_clock::now();
-  EXPECT_EQ(Health(""), std::string(kServing, 2));
+  EXPECT_EQ(Health(""), "SERVING");
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
   enough = true;
   EXPECT_TRUE(cast.get());
@@ -106,8 +100,8 @@ TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
   EXPECT_FALSE(idle->Read(&response));
   EXPECT_EQ(idle->Finish().error_code(), StatusCode::UNAVAILABLE);
   EXPECT_EQ(upload->Finish().error_code(), StatusCode::UNAVAILABLE);
-  EXPECT_EQ(Health("deltaray.v1.RayService"), std::string(kNotServing, 2));
-  EXPECT_EQ(Health(""), std::string(kNotServing, 2));
+  EXPECT_EQ(Health("deltaray.v1.RayService"), "NOT_SERVING");
+  EXPECT_EQ(Health(""), "NOT_SERVING");
   grpc::ClientContext context;
   v1::ListMeshesResponse list;
   const grpc::Status refused = meshes_->ListMeshes(&context, {}, &list);
@@ -190,14 +184,9 @@ TEST_F(ServerTest, DrainDoesNotWaitForABuild) {
 TEST_F(ServerTest, WatchersOfHealthDoNotHoldUpTheDrain) {
   Start();
   grpc::ClientContext context;
-  std::unique_ptr<grpc::ClientReader<grpc::ByteBuffer>> watch;
-  grpc::Slice slice(HealthRequest(""));
-  const grpc::ByteBuffer request(&slice, 1);
-  watch.reset(grpc::internal::ClientReaderFactory<grpc::ByteBuffer>::Create(
-      channel_.get(),
-      grpc::internal::RpcMethod("/grpc.health.v1.Health/Watch", grpc::internal::RpcMethod::SERVER_STREAMING), &context,
-      request));
-  grpc::ByteBuffer response;
+  const auto stub = grpc::health::v1::Health::NewStub(channel_);
+  const auto watch = stub->Watch(&context, grpc::health::v1::HealthCheckRequest());
+  grpc::health::v1::HealthCheckResponse response;
   ASSERT_TRUE(watch->Read(&response));
   const auto start = std::chrono::steady_clock::now();
   EXPECT_TRUE(server_->Drain());
@@ -247,6 +236,16 @@ TEST_F(ServerTest, MessagesOverTheLimitAreRefused) {
   grpc::ClientContext context;
   request.mutable_rays()->set_rays(SlowRays(4200));
   EXPECT_EQ(rays_->CastRays(&context, request, &response).error_code(), StatusCode::RESOURCE_EXHAUSTED);
+}
+
+TEST_F(ServerTest, ChannelzIsThereWhereAskedFor) {
+  Start();
+  grpc::ByteBuffer response;
+  EXPECT_EQ(CallRaw("/grpc.channelz.v1.Channelz/GetServers", "", &response).error_code(), StatusCode::UNIMPLEMENTED);
+  server_.reset();
+  options_.channelz = true;
+  Start();
+  EXPECT_TRUE(CallRaw("/grpc.channelz.v1.Channelz/GetServers", "", &response).ok());
 }
 
 TEST_F(ServerTest, ReflectionListsTheServices) {

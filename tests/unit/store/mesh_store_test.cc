@@ -5,6 +5,7 @@
 
 #include <thread>
 
+#include "server/build/mutex.h"
 #include "server/store/sha256.h"
 #include "tests/unit/store/fixture.h"
 #include "tests/unit/store/hindered.h"
@@ -79,6 +80,35 @@ TEST(MeshStoreTest, EverythingIsThereAgainAfterReopening) {
   const auto answer = AwaitTree(*store, "one");
   ASSERT_TRUE(answer.ok()) << answer.status();
   EXPECT_EQ(HitStrip(*answer, 1).t, 1);
+}
+
+TEST(MeshStoreTest, UsageAndEndsOfBuildsAreTold) {
+  ScratchDirectory directory;
+  Mutex mutex;
+  std::vector<EndedBuild> ended;
+  {
+    MeshStore::Options options;
+    options.on_build_end = [&](const EndedBuild& build) {
+      MutexLock lock(mutex);
+      ended.push_back(build);
+    };
+    const auto store = OpenStore(directory.path(), std::move(options));
+    const auto put = Put(*store, StripObj(1), "one");
+    ASSERT_TRUE(put.ok()) << put.status();
+    const auto answer = AwaitTree(*store, "one");
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    const StoreUsage usage = store->Usage();
+    EXPECT_THAT(usage.meshes, ElementsAre(0, 0, 0, 1, 0));
+    EXPECT_EQ(usage.disk_bytes, put->info.stored_bytes);
+    EXPECT_EQ(usage.mesh_bytes, answer->snapshot->mesh->Bytes());
+    EXPECT_GT(usage.tree_bytes, 0u);
+    EXPECT_EQ(usage.builds_waiting, 0u);
+  }
+  ASSERT_EQ(ended.size(), 1u);
+  EXPECT_TRUE(ended[0].status.ok());
+  EXPECT_GT(ended[0].seconds, 0);
+  EXPECT_FALSE(ended[0].phases.empty());
+  EXPECT_EQ(ended[0].delta_leaves_built, 1u);
 }
 
 TEST(MeshStoreTest, NothingIsBuiltBeforeItIsAskedFor) {

@@ -1,0 +1,41 @@
+#include "client/retry.h"
+
+#include <poll.h>
+
+#include <algorithm>
+
+#include "absl/strings/match.h"
+
+namespace deltaray {
+namespace {
+
+using std::chrono::milliseconds;
+
+// Waits grow twofold between these; each is halved by chance, so that clients of one lost server do not come together.
+constexpr milliseconds kFirstWait{100};
+constexpr milliseconds kLongestWait{2000};
+constexpr int kDoublings = 5;
+
+}  // namespace
+
+bool IsLoss(const grpc::Status& status) {
+  if (status.error_code() == grpc::StatusCode::UNAVAILABLE) return true;
+  // What gRPC makes of a stream that a proxy resets because the server behind it has died.
+  return status.error_code() == grpc::StatusCode::INTERNAL &&
+         absl::StartsWith(status.error_message(), "Received RST_STREAM");
+}
+
+bool Retry::Again(const grpc::Status& status) {
+  if (!IsLoss(status) || session_.retry_seconds <= 0) return false;
+  const auto now = std::chrono::steady_clock::now();
+  if (losses_ == 0) first_loss_ = now;
+  const milliseconds longest = std::min(kLongestWait, kFirstWait * (1 << std::min(losses_, kDoublings)));
+  ++losses_;
+  const milliseconds wait(std::uniform_int_distribution<int64_t>(longest.count() / 2, longest.count())(random_));
+  if (std::chrono::duration<double>(now + wait - first_loss_).count() > session_.retry_seconds) return false;
+  pollfd stopped = {.fd = session_.stop.fd(), .events = POLLIN, .revents = 0};
+  poll(&stopped, 1, static_cast<int>(wait.count()));
+  return !session_.stop.fired();
+}
+
+}  // namespace deltaray

@@ -1,0 +1,75 @@
+#include "server/service/health_watch.h"
+
+#include <chrono>
+#include <utility>
+
+#include "server/service/message_bytes.h"
+
+namespace deltaray {
+namespace {
+constexpr std::chrono::milliseconds kInterval{250};
+}  // namespace
+
+HealthWatch::HealthWatch(Calls* calls, const Health* health, std::string service, std::atomic<size_t>* watches)
+    : CallReactor(calls), health_(health), service_(std::move(service)), watches_(watches) {
+  ++*watches_;
+}
+
+grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthWatch::Start(Calls* calls, const RpcInfo& rpc, const Health* health,
+                                                               const absl::Status& status, std::string service,
+                                                               std::atomic<size_t>* watches) {
+  auto call = std::make_shared<HealthWatch>(calls, health, std::move(service), watches);
+  call->weak_self_ = call;
+  if (!Admit(call, rpc)) return call.get();
+  MutexLock lock(call->mutex_);
+  if (status.ok()) {
+    call->Look();
+  } else {
+    call->FinishOnce(status);
+  }
+  return call.get();
+}
+
+void HealthWatch::Look() {
+  if (finished_) return;
+  Tell();
+  if (finished_) return;
+  // As in WatchCall: an alarm can not be set anew from within its own callback.
+  alarm_ = std::make_unique<grpc::Alarm>();
+  alarm_->Set(std::chrono::system_clock::now() + kInterval, [weak_self = weak_self_](bool) {
+    const std::shared_ptr<HealthWatch> self = weak_self.lock();
+    if (self == nullptr) return;
+    MutexLock lock(self->mutex_);
+    self->Look();
+  });
+}
+
+void HealthWatch::Tell() {
+  if (writing_ || finished_) return;
+  const Health::Status status = health_->Of(service_);
+  if (status != told_) {
+    told_ = status;
+    grpc::health::v1::HealthCheckResponse response;
+    response.set_status(status);
+    outgoing_ = SerializeMessage(response);
+    writing_ = true;
+    StartWrite(&outgoing_);
+  } else if (draining_) {
+    FinishOnce(DrainingError());
+  }
+}
+
+void HealthWatch::OnWriteDone(bool ok) {
+  MutexLock lock(mutex_);
+  writing_ = false;
+  if (!ok) FinishOnce(absl::CancelledError("the client has gone"));
+  if (draining_) Tell();
+}
+
+void HealthWatch::OnDrain() {
+  MutexLock lock(mutex_);
+  draining_ = true;
+  Tell();
+}
+
+}  // namespace deltaray

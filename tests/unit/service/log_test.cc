@@ -1,0 +1,56 @@
+#include "server/service/log.h"
+
+#include <algorithm>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "spdlog/spdlog.h"
+#include "tests/unit/service/captured_log.h"
+
+namespace deltaray {
+namespace {
+
+using testing::EndsWith;
+using testing::HasSubstr;
+using testing::MatchesRegex;
+using testing::Not;
+
+TEST(LogTest, TextHasMessageFieldsAndRequestId) {
+  CapturedLog log(LogFormat::kText);
+  {
+    const LogScope scope("abc-1");
+    LogEvent(spdlog::level::info, "call", {{"method", "A/B"}, {"ms", 1.5}, {"rays", int64_t{7}}});
+  }
+  EXPECT_THAT(log.text(), EndsWith("[test] [info] call method=\"A/B\" ms=1.5 rays=7 request_id=\"abc-1\"\n"));
+}
+
+TEST(LogTest, JsonIsAnObjectALine) {
+  CapturedLog log(LogFormat::kJson);
+  LogEvent(spdlog::level::warn, "a \"quoted\" \\ text", {{"n", int64_t{-3}}, {"file", "a\"b"}});
+  EXPECT_THAT(log.text(), MatchesRegex("\\{\"time\":\"20[0-9T:.-]*Z\",\"level\":\"warning\",\"message\":\"a "
+                                       "\\\\\"quoted\\\\\" \\\\\\\\ text\",\"n\":-3,\"file\":\"a\\\\\"b\"\\}\n"));
+}
+
+TEST(LogTest, NothingThatAClientSendsMakesALine) {
+  for (const LogFormat format : {LogFormat::kText, LogFormat::kJson}) {
+    CapturedLog log(format);
+    spdlog::info("named mesh {}", "x\n[2026-01-01 00:00:00.000] [deltarayd] [info] forged\r\x1b[2K\xff");
+    LogEvent(spdlog::level::info, "call", {{"error", "y\nforged"}});
+    const std::string text = log.text();
+    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 2) << text;
+    EXPECT_THAT(text, Not(HasSubstr("\r")));
+    EXPECT_THAT(text, Not(HasSubstr("\x1b")));
+    EXPECT_THAT(text, Not(HasSubstr("\xff")));
+  }
+}
+
+TEST(LogTest, ScopesNest) {
+  CapturedLog log(LogFormat::kText);
+  const LogScope outer("outer");
+  { const LogScope inner("inner"); }
+  spdlog::info("message");
+  EXPECT_THAT(log.text(), HasSubstr("message request_id=\"outer\""));
+}
+
+}  // namespace
+}  // namespace deltaray
