@@ -18,6 +18,9 @@ namespace {
 // A piece of ALL_HITS finds at most this many hits, so that it neither takes long nor much memory.
 constexpr size_t kPieceHits = size_t{1} << 20;
 constexpr size_t kSmallBatchRays = 256;
+constexpr size_t kShortBatchRays = 16384;
+// Rays of a batch whose time is taken first.
+constexpr size_t kFirstSlice = 16;
 // Bytes of a request or reply besides its arrays, at most: ids, numbers, tags and lengths.
 constexpr uint64_t kOverheadBytes = 512;
 
@@ -30,6 +33,16 @@ absl::Status ReplyTooLarge(uint64_t limit) {
 AccuracyLevel AnsweredAccuracy(const Tree& tree, const BatchQuery& query) {
   const bool one_hit = query.kind == v1::QUERY_KIND_CLOSEST_HIT || query.kind == v1::QUERY_KIND_ANY_HIT;
   return one_hit ? tree.answered_accuracy(query.options.accuracy) : AccuracyLevel::kExact;
+}
+
+// Whether all hits of each ray are looked for: one ray may have more work than a small batch of others.
+bool HasAllHits(const BatchQuery& query) {
+  return query.kind == v1::QUERY_KIND_ALL_HITS || query.kind == v1::QUERY_KIND_COUNT_HITS;
+}
+
+// Whether a message of `bytes` holds about `rays` rays at most.
+bool HoldsRays(const BatchQuery& query, size_t bytes, size_t rays) {
+  return bytes <= rays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
 }
 
 // The sum of hits(row).
@@ -57,8 +70,9 @@ class Answering {
   absl::StatusOr<BatchAnswer> TraceRows() {
     std::atomic<uint64_t> hits_in_all{0};
     HitColumns columns(query_, rays_.size(), rays_.size(), summary_);
-    absl::Status status =
-        ForRayPieces(rays_, PieceRays(rays_.size()), cancelled_, [&](size_t first, std::span<const Ray> rays) {
+    absl::Status status = ForRayPieces(
+        rays_, PieceRays(rays_.size()), cancelled_,
+        [&](size_t first, std::span<const Ray> rays) {
           switch (query_.kind) {
             case v1::QUERY_KIND_ANY_HIT: {
               PieceArray<uint8_t> any(rays.size());
@@ -82,7 +96,8 @@ class Answering {
             }
           }
           return absl::OkStatus();
-        });
+        },
+        FirstSlice());
     if (!status.ok()) return status;
     return Answer(columns, hits_in_all);
   }
@@ -96,8 +111,9 @@ class Answering {
     std::vector<uint32_t> counts(query_.Wants(v1::HIT_COLUMN_COUNT) ? rays_.size() : 0);
     std::atomic<uint64_t> hits_in_all{0};
     const uint64_t max_hits = MaxHits();
-    absl::Status status =
-        ForRayPieces(rays_, piece_rays, cancelled_, [&](size_t first, std::span<const Ray> rays) -> absl::Status {
+    absl::Status status = ForRayPieces(
+        rays_, piece_rays, cancelled_,
+        [&](size_t first, std::span<const Ray> rays) -> absl::Status {
           std::vector<Hit>& found = hits[first / piece_rays];
           // For now the number of hits of each ray; their sums follow below.
           const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
@@ -111,7 +127,8 @@ class Answering {
             CountBeyondCap(rays, piece_counts);
           }
           return absl::OkStatus();
-        });
+        },
+        FirstSlice());
     if (!status.ok()) return status;
 
     std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
@@ -125,6 +142,9 @@ class Answering {
   }
 
  private:
+  // Rays of which all hits are found are traced one by one, and each may take long.
+  size_t FirstSlice() const { return HasAllHits(query_) ? kFirstSlice : RayBatchView::kMaxPieceRays; }
+
   BatchAnswer Answer(HitColumns& columns, uint64_t hit_count) const {
     return {columns.Take(), summary_.accuracy, rays_.size(), hit_count};
   }
@@ -156,9 +176,11 @@ class Answering {
 }  // namespace
 
 bool IsSmall(const BatchQuery& query, size_t bytes) {
-  // One ray of ALL_HITS may have more work than all others of a small batch.
-  return query.kind != v1::QUERY_KIND_ALL_HITS &&
-         bytes <= kSmallBatchRays * (query.RayBytes() + sizeof(uint32_t)) + kOverheadBytes;
+  return !HasAllHits(query) && HoldsRays(query, bytes, kSmallBatchRays);
+}
+
+bool IsShort(const BatchQuery& query, size_t bytes) {
+  return !HasAllHits(query) && HoldsRays(query, bytes, kShortBatchRays);
 }
 
 uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits& limits) {

@@ -30,6 +30,9 @@ struct BatchAnswer {
 // must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
 bool IsSmall(const BatchQuery& query, size_t bytes);
 
+// Whether it takes a few milliseconds at most, in general: see Tracer::EnqueueShort.
+bool IsShort(const BatchQuery& query, size_t bytes);
+
 // The bytes that the answer to a batch in a message of `bytes` can take at most, on its way to the reply and as that.
 uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits& limits);
 
@@ -37,7 +40,8 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
 //
 // INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the
 // message limit; replies of a known size are refused before any ray is traced, ALL_HITS as soon as the hits so far are
-// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece.
+// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece, and within pieces that take
+// long.
 absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
                                         const std::function<bool()>& cancelled);

@@ -104,22 +104,28 @@ void BatchBudget::Tick(steady_clock::time_point now) {
   if (Oldest() == nullptr) return;
   bool silent = false;
   for (Share* const share : expected_) {
-    if (share->bytes_ <= kFreeBytes || now - share->since_ < kPatience) continue;
+    const auto patience = share == excess_ ? kExcessPatience : kPatience;
+    if (share->bytes_ <= kFreeBytes || now - share->since_ < patience) continue;
     SetBytes(*share, kFreeBytes);
     if (share == excess_) excess_ = nullptr;
     silent = true;
   }
   if (silent) first_expectation_ = std::max(first_expectation_ / 2, kFreeBytes);
-  if (now - Oldest()->since_ >= kStall && !replies_.empty()) {
-    Share& oldest = **std::min_element(replies_.begin(), replies_.end(),
-                                       [](const Share* a, const Share* b) { return a->since_ < b->since_; });
-    if (now - oldest.since_ >= kStall) {
-      Call(oldest);
-      // Once: its bytes come back when it is destroyed.
-      replies_.erase(&oldest);
-    }
-  }
+  TakeBackReplies(now);
   Serve();
+}
+
+void BatchBudget::TakeBackReplies(steady_clock::time_point now) {
+  uint64_t lost = 0;
+  while (!replies_.empty() && used_ - lost + Oldest()->wanted_ > limit_) {
+    Share& slowest = **std::min_element(replies_.begin(), replies_.end(),
+                                        [](const Share* a, const Share* b) { return a->since_ < b->since_; });
+    if (now - slowest.since_ < kStall) return;
+    Call(slowest);
+    // Once: its bytes come back when it is destroyed.
+    replies_.erase(&slowest);
+    lost += slowest.bytes_;
+  }
 }
 
 void BatchBudget::SetBytes(Share& share, uint64_t bytes) {

@@ -34,6 +34,7 @@ class BatchBudget {
  public:
   static constexpr uint64_t kFreeBytes = 64 << 10;
   static constexpr std::chrono::milliseconds kPatience{1000};
+  static constexpr std::chrono::milliseconds kExcessPatience{200};
   static constexpr std::chrono::milliseconds kStall{5000};
 
   enum class Answer { kNow, kLater, kNever };
@@ -90,6 +91,7 @@ class BatchBudget {
  private:
   using Line = std::list<Share*>;
 
+  void TakeBackReplies(std::chrono::steady_clock::time_point now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void SetBytes(Share& share, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void SetStage(Share& share, Share::Stage stage) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The share that has been in line for longest; nullptr where none is.

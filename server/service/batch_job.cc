@@ -11,10 +11,16 @@ namespace {
 
 void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
   BatchJob::Answer answer;
+  // Between two pieces, batches that take less long get their turn; not on threads of gRPC, where small ones are
+  // traced.
+  const bool on_tracer = !IsSmall(job.query, job.rays.rays.size);
+  const std::function<bool()> cancelled = [&] {
+    if (on_tracer) backend.tracer->RunShort();
+    return job.cancelled();
+  };
   const absl::Status status = CatchExceptions([&] {
     job.meter->BeginTracing();
-    absl::StatusOr<BatchAnswer> traced =
-        AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, job.cancelled);
+    absl::StatusOr<BatchAnswer> traced = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, cancelled);
     if (!traced.ok()) return traced.status();
     backend.store->NoteAnswer(tree);
     job.meter->CountAnswer({tree.id, job.query.kind, traced->accuracy, traced->ray_count, traced->hit_count});

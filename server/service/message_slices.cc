@@ -6,7 +6,7 @@
 
 namespace deltaray {
 
-MessageSlices::MessageSlices(const grpc::ByteBuffer& bytes) {
+MessageSlices::MessageSlices(const grpc::ByteBuffer& bytes) : owner_(bytes) {
   // Fails for compressed messages alone, which the server refuses.
   if (!bytes.Valid() || !bytes.Dump(&slices_).ok()) return;
   starts_.reserve(slices_.size());
@@ -18,6 +18,14 @@ MessageSlices::MessageSlices(const grpc::ByteBuffer& bytes) {
 
 MessageSlices::MessageSlices(grpc::Slice slice) : starts_{0}, size_(slice.size()) {
   slices_.push_back(std::move(slice));
+}
+
+MessageSlices& MessageSlices::operator=(MessageSlices other) noexcept {
+  owner_.Swap(&other.owner_);
+  slices_.swap(other.slices_);
+  starts_.swap(other.starts_);
+  std::swap(size_, other.size_);
+  return *this;
 }
 
 const char* MessageSlices::Read(size_t offset, size_t size, char* scratch) const {

@@ -19,6 +19,9 @@ class MessageSlices {
   // Shares the memory of `bytes`.
   explicit MessageSlices(const grpc::ByteBuffer& bytes);
   explicit MessageSlices(grpc::Slice slice);
+  MessageSlices(const MessageSlices&) = default;
+  MessageSlices(MessageSlices&&) = default;
+  MessageSlices& operator=(MessageSlices other) noexcept;
 
   size_t size() const { return size_; }
 
@@ -27,6 +30,10 @@ class MessageSlices {
   const char* Read(size_t offset, size_t size, char* scratch) const;
 
  private:
+  // Goes last: gRPC 1.51 gives memory back to its quota when the last holder of a slice goes, and crashes where that
+  // wakes up what waits for memory and the thread is not one of its own. A ByteBuffer provides for that, a Slice does
+  // not.
+  grpc::ByteBuffer owner_;
   std::vector<grpc::Slice> slices_;
   std::vector<size_t> starts_;  // offset of the first byte of each slice
   size_t size_ = 0;

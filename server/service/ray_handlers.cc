@@ -82,7 +82,7 @@ void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
 }
 
 absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes,
-                           std::shared_ptr<BatchMeter> meter, bool on_tracer) {
+                           std::shared_ptr<BatchMeter> meter) {
   const uint64_t message_bytes = bytes.Length();
   v1::CastRaysRequest request;
   auto job = std::make_shared<BatchJob>();
@@ -98,10 +98,17 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Batc
       call->MayBegin(message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
                      backend.tracer, [backend, job] { RunBatch(backend, job); });
   if (!now.ok() || !*now) return now.status();
-  if (on_tracer || IsSmall(*query, job->rays.rays.size)) {
+  const size_t rays_bytes = job->rays.rays.size;
+  if (IsSmall(*query, rays_bytes)) {
     RunBatch(backend, std::move(job));
+    return absl::OkStatus();
+  }
+  // A task of its own, also on the tracer: how long it takes is known only now.
+  const auto run = [backend, job = std::move(job)] { RunBatch(backend, job); };
+  if (IsShort(*query, rays_bytes)) {
+    backend.tracer->EnqueueShort(run);
   } else {
-    backend.tracer->Enqueue([backend, job = std::move(job)] { RunBatch(backend, job); });
+    backend.tracer->Enqueue(run);
   }
   return absl::OkStatus();
 }
@@ -155,12 +162,12 @@ grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* con
   if (!BatchCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
   auto answer = [backend = backend_, call, bytes = *request,
-                 meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record()), on_tracer] {
-    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, meter, on_tracer); });
+                 meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record())] {
+    const absl::Status status = CatchExceptions([&] { return AnswerRequest(backend, call, bytes, meter); });
     if (!status.ok()) call->Reply(status, {});
   };
   if (on_tracer) {
-    backend_.tracer->Enqueue(std::move(answer));
+    backend_.tracer->EnqueueShort(std::move(answer));
   } else {
     answer();
   }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -73,20 +74,53 @@ inline size_t PieceRays(size_t rays) {
   return std::clamp(rays / (kPiecesPerCore * Tracer::Concurrency()), kMinPieceRays, kMaxPieceRays);
 }
 
+// Times the rays of a batch, for pieces of rays that take long to be cut. Thread-safe.
+class RayTimer {
+ public:
+  // `first_rays`: to begin with, while nothing is known.
+  explicit RayTimer(size_t first_rays) : rays_(first_rays) {}
+
+  // Rays that take about kSliceTime.
+  size_t SliceRays() const { return rays_.load(std::memory_order_relaxed); }
+  void Note(size_t rays, std::chrono::steady_clock::duration time) {
+    const double parts = std::max<double>(static_cast<double>(time.count()), 1.0) /
+                         std::chrono::duration_cast<std::chrono::steady_clock::duration>(kSliceTime).count();
+    const double fitting = static_cast<double>(rays) / parts;
+    rays_.store(static_cast<size_t>(std::clamp(fitting, 1.0, double{RayBatchView::kMaxPieceRays})),
+                std::memory_order_relaxed);
+  }
+
+ private:
+  // A cancelled batch ends, and others get their turn, after about as long.
+  static constexpr std::chrono::milliseconds kSliceTime{10};
+  std::atomic<size_t> rays_;
+};
+
 // Decodes `batch` piece by piece and calls trace(first, std::span<const Ray>), which returns a status, for each, spread
-// over the arena of the calling thread. Returns the first failure; CANCELLED soon after `cancelled` returns true, which
-// is asked for every piece. REQUIRES: piece_rays <= RayBatchView::kMaxPieceRays.
+// over the arena of the calling thread. A piece of rays that take long comes in slices, one after the other, of
+// `first_slice` rays to begin with. Returns the first failure; CANCELLED soon after `cancelled` returns true, which is
+// asked before every slice. REQUIRES: piece_rays <= RayBatchView::kMaxPieceRays.
 template <typename Trace>
 absl::Status ForRayPieces(const RayBatchView& batch, size_t piece_rays, const std::function<bool()>& cancelled,
-                          const Trace& trace) {
+                          const Trace& trace, size_t first_slice = RayBatchView::kMaxPieceRays) {
   FirstFailure failure;
+  RayTimer timer(first_slice);
   Tracer::ForPieces(batch.size(), piece_rays, [&](size_t first, size_t last) {
     if (!failure.Matters(first)) return;
     absl::Status status = CatchExceptions([&]() -> absl::Status {
       if (cancelled()) return absl::CancelledError("cancelled");
       PieceArray<Ray> rays(last - first);
       if (absl::Status decoded = batch.Decode(first, rays); !decoded.ok()) return decoded;
-      return trace(first, std::span<const Ray>(rays));
+      const std::span<const Ray> piece = rays;
+      for (size_t done = 0; done < piece.size();) {
+        if (done > 0 && cancelled()) return absl::CancelledError("cancelled");
+        const size_t slice = std::min(timer.SliceRays(), piece.size() - done);
+        const auto start = std::chrono::steady_clock::now();
+        if (absl::Status traced = trace(first + done, piece.subspan(done, slice)); !traced.ok()) return traced;
+        timer.Note(slice, std::chrono::steady_clock::now() - start);
+        done += slice;
+      }
+      return absl::OkStatus();
     });
     if (!status.ok()) failure.Note(first, std::move(status));
   });

@@ -67,8 +67,10 @@ void StreamCall::TakeMessage(grpc::ByteBuffer message) {
   batch->status = std::move(status);
   if (!batch->done) {
     const uint64_t bytes = batch->request.Length();
-    expected_bytes_ = bytes + MaxAnswerBytes(target_->query, bytes, backend_.limits);
-    batch->admitted = batch->share->Begin(bytes, expected_bytes_, /*may_refuse=*/false,
+    const uint64_t needed_bytes = bytes + MaxAnswerBytes(target_->query, bytes, backend_.limits);
+    // Clients send small batches between large ones.
+    expected_bytes_ = std::max(needed_bytes, expected_bytes_ / 4 * 3);
+    batch->admitted = batch->share->Begin(bytes, needed_bytes, /*may_refuse=*/false,
                                           [weak_self = weak_self_, weak_batch = std::weak_ptr<Batch>(batch)] {
                                             const auto self = weak_self.lock();
                                             const auto batch = weak_batch.lock();
@@ -84,8 +86,8 @@ void StreamCall::ReadOn() {
     // What is in line calls for another look soon.
     if ((!line_.empty() || writing_) && backend_.budget->IsTight()) return;
     incoming_share_ = std::make_unique<BatchBudget::Share>(backend_.budget);
-    const uint64_t expected = expected_bytes_ == 0 ? backend_.budget->first_expectation() : expected_bytes_;
-    const bool room = incoming_share_->Expect(expected, [weak_self = weak_self_] {
+    if (expected_bytes_ == 0) expected_bytes_ = backend_.budget->first_expectation();
+    const bool room = incoming_share_->Expect(expected_bytes_, [weak_self = weak_self_] {
       if (const auto self = weak_self.lock()) self->OnRoomToRead();
     });
     if (!room) return;
@@ -222,10 +224,14 @@ void StreamCall::Work(const std::vector<BatchPointer>& batches) {
         MutexLock lock(mutex_);
         target = target_;
       }
-      if (IsSmall(target->query, batch->request.Length())) {
-        Answer(batch);
+      const size_t bytes = batch->request.Length();
+      const auto answer = [self, batch] { self->Answer(batch); };
+      if (IsSmall(target->query, bytes)) {
+        answer();
+      } else if (IsShort(target->query, bytes)) {
+        backend_.tracer->EnqueueShort(answer);
       } else {
-        backend_.tracer->Enqueue([self, batch] { self->Answer(batch); });
+        backend_.tracer->Enqueue(answer);
       }
       return absl::OkStatus();
     });

@@ -91,7 +91,7 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   grpc::ByteBuffer outgoing_;                                                   // gRPC's while writing_
   std::unique_ptr<BatchBudget::Share> incoming_share_ ABSL_GUARDED_BY(mutex_);  // of the message that is next
   std::unique_ptr<BatchBudget::Share> outgoing_share_ ABSL_GUARDED_BY(mutex_);
-  uint64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // that a batch takes, by the last one; 0: none was read yet
+  uint64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // that a batch takes, by those before; 0: none was read yet
   bool reading_ ABSL_GUARDED_BY(mutex_) = false;
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_ended_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more will be read

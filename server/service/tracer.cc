@@ -32,9 +32,46 @@ void Tracer::Enqueue(std::function<void()> task) {
   arena_.enqueue([this, task = std::make_shared<std::function<void()>>(std::move(task))] {
     (*task)();
     *task = nullptr;
-    MutexLock lock(mutex_);
-    if (--tasks_ == 0) idle_.notify_all();
+    NoteEnd();
   });
+}
+
+void Tracer::EnqueueShort(std::function<void()> task) {
+  {
+    MutexLock lock(mutex_);
+    if (stopped_) return;
+    // Itself, and what makes sure that it is run where no task takes long.
+    tasks_ += 2;
+    short_tasks_.push_back(std::move(task));
+    ++short_task_count_;
+  }
+  arena_.enqueue([this] {
+    RunShort();
+    NoteEnd();
+  });
+}
+
+void Tracer::RunShort() {
+  thread_local bool running = false;
+  if (running || short_task_count_.load(std::memory_order_relaxed) == 0) return;
+  std::function<void()> task;
+  {
+    MutexLock lock(mutex_);
+    if (short_tasks_.empty()) return;
+    task = std::move(short_tasks_.front());
+    short_tasks_.pop_front();
+    --short_task_count_;
+  }
+  running = true;
+  task();
+  running = false;
+  task = nullptr;
+  NoteEnd();
+}
+
+void Tracer::NoteEnd() {
+  MutexLock lock(mutex_);
+  if (--tasks_ == 0) idle_.notify_all();
 }
 
 void Tracer::Stop() {

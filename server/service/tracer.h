@@ -3,8 +3,10 @@
 #ifndef SERVER_SERVICE_TRACER_H_
 #define SERVER_SERVICE_TRACER_H_
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <functional>
 
 #include "oneapi/tbb/global_control.h"
@@ -24,6 +26,12 @@ class Tracer {
   // Runs `task` soon on a thread of the arena. It must not throw. After Stop nothing is run, and `task` is dropped.
   void Enqueue(std::function<void()> task);
 
+  // The same for a task that takes a few milliseconds at most: it need not wait for those that take long.
+  void EnqueueShort(std::function<void()> task);
+  // To be called by tasks that take long, now and then and without locks: runs a short task, where one waits. A thread
+  // that runs a short task already runs none.
+  void RunShort();
+
   // Runs the tasks that are queued, waits for their end, and takes no more.
   void Stop();
 
@@ -37,6 +45,9 @@ class Tracer {
   uint32_t threads() const { return threads_; }
 
  private:
+  // One task less.
+  void NoteEnd();
+
   const uint32_t threads_;
   // TBB makes one worker less than there are cores, for it counts on the calling thread to help; ours never does.
   const tbb::global_control workers_;
@@ -45,6 +56,8 @@ class Tracer {
   Condition idle_;
   size_t tasks_ ABSL_GUARDED_BY(mutex_) = 0;
   bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  std::deque<std::function<void()>> short_tasks_ ABSL_GUARDED_BY(mutex_);
+  std::atomic<size_t> short_task_count_{0};  // of short_tasks_, for a look without the lock
 };
 
 }  // namespace deltaray

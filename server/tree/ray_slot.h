@@ -7,9 +7,8 @@
 #include <cstdint>
 #include <limits>
 
-#include "server/tree/wide_node.h"
-
 #include "server/geometry/ray.h"
+#include "server/tree/wide_node.h"
 
 namespace deltaray {
 

@@ -1,0 +1,136 @@
+#!/usr/bin/env bash
+# usage: starve.sh [--quick] [--bin BIN]
+# A server without file descriptors, disk, memory or threads, and with clients that stop, die or never speak: it survives
+# each, and answers as before once the want is over, without a restart.
+# --quick is what it always is.
+bin=$(dirname "${BASH_SOURCE[0]}")/../../build/bin
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --quick) shift ;;
+    --bin) bin=$2; shift 2 ;;
+    *) echo "usage: starve.sh [--quick] [--bin BIN]" >&2; exit 2 ;;
+  esac
+done
+set -- "$bin"
+source "$(dirname "${BASH_SOURCE[0]}")/../e2e/server.sh"
+
+export DELTARAY_LOG_LEVEL=warning
+survived=
+tell() {
+  survived="$survived${survived:+, }$1"
+}
+
+# A mesh of many triangles that takes some megabytes, and a small one.
+awk 'BEGIN { for (i = 0; i < 100000; ++i) printf "v %d.%06d %d.5 %d.25\n", i, i, i % 777, i % 991; print "f 1 2 3" }' \
+  >"$scratch/large.obj"
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >"$scratch/small.obj"
+echo 0.25,0.25,1,0,0,-1 >"$scratch/rays.csv"
+
+torture() {
+  timeout 120 "$bin/deltaray_torture" "$1" --server "$address" "${@:2}"
+}
+
+# works: the server does all that it is for, within ten seconds.
+works() {
+  local i
+  for i in $(seq 20); do
+    if client upload --name small "$scratch/small.obj" && client cast small "$scratch/rays.csv"; then return; fi
+    sleep 0.5
+  done >"$scratch/out" 2>"$scratch/err"
+  cat "$scratch/err"
+  fail "it does not recover from the want of $1"
+}
+
+# hold COUNT: opens so many connections that never speak; the numbers of their files are in $held.
+hold() {
+  held=()
+  local i file
+  for i in $(seq "$1"); do
+    { exec {file}<>"/dev/tcp/${address%:*}/${address#*:}"; } 2>/dev/null || break
+    held+=("$file")
+  done
+}
+
+release() {
+  local file
+  for file in "${held[@]}"; do exec {file}>&-; done
+}
+
+limit=(prlimit --pid)
+
+# --- file descriptors: more connections than there are numbers for
+start_server
+works start
+count=$(ls "/proc/$server/fd" | wc -l)
+"${limit[@]}" "$server" --nofile=$((count + 20)):
+hold 100
+release
+"${limit[@]}" "$server" --nofile=1024:
+works "file descriptors"
+tell "file descriptors (${#held[@]} connections)"
+stop_server
+
+# --- connections: those that never speak are closed, and do not shut out those that do
+export DELTARAY_MAX_CONNECTIONS=50
+start_server
+works start
+hold 100
+printf 'PRI * HTTP/2.0\r\n' >&"${held[0]}" # and one that stops within its greeting
+expect 78 client list
+sleep 11
+works "connections"
+tell "half-open connections (${#held[@]}, limit 50)"
+release
+stop_server
+unset DELTARAY_MAX_CONNECTIONS
+
+# --- disk: files may not grow
+start_server
+"${limit[@]}" "$server" --fsize=65536:
+expect 72 client upload --name large "$scratch/large.obj"
+"${limit[@]}" "$server" --fsize=unlimited:
+works disk
+tell disk
+expect 0 client upload --name large "$scratch/large.obj"
+
+# --- stopped and killed clients
+"$bin/deltaray_torture" load --server "$address" --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
+stopped=$!
+"$bin/deltaray_torture" load --server "$address" --seconds 60 --streams 32 --slow 0 >/dev/null 2>&1 &
+killed=$!
+sleep 4
+kill -STOP "$stopped"
+kill -KILL "$killed"
+works "clients that stop and die"
+speed=$(torture speed --seconds 1)
+kill -KILL "$stopped"
+wait "$stopped" "$killed" 2>/dev/null || true
+works "clients that stop and die"
+tell "clients stopped and killed ($speed beside 32 stopped streams)"
+stop_server
+
+# --- memory: what it has at first, the two budgets, and a little for all else. Libraries below end a process that gets
+# no memory at all, so that the budgets are what has to hold.
+export DELTARAY_MAX_MESSAGE_BYTES=8MB DELTARAY_BATCH_BYTES=64MB DELTARAY_NETWORK_BYTES=256MB
+start_server
+torture speed --seconds 0.5 >/dev/null
+data_kb=$(awk '/^VmData:/ { print $2 }' "/proc/$server/status")
+"${limit[@]}" "$server" --data=$(((data_kb << 10) + (512 << 20))):
+torture load --seconds 5 --streams 64 --slow 16 --max-batch 131072 >"$scratch/load" 2>&1 || { cat "$scratch/load"; fail "load beside a limit on memory"; }
+works memory
+tell "memory (budgets of 64 + 256 MB, limit 512 MB; $(cat "$scratch/load"))"
+stop_server
+unset DELTARAY_MAX_MESSAGE_BYTES DELTARAY_BATCH_BYTES DELTARAY_NETWORK_BYTES
+
+# --- threads: none beyond those that it starts with. The limit is on all of a user's, and root has none.
+if [ "$(id -u)" -ne 0 ]; then
+  start_server
+  "${limit[@]}" "$server" --nproc=1:
+  torture load --seconds 3 --streams 16 --slow 4 >/dev/null 2>&1 || true
+  kill -0 "$server" 2>/dev/null || fail "the want of threads ended the server: $(cat "$scratch/server.log")"
+  "${limit[@]}" "$server" --nproc=unlimited:
+  works threads
+  tell threads
+  stop_server
+fi
+echo "starved, and recovered without a restart, of: $survived"

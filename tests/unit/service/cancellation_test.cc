@@ -1,0 +1,131 @@
+// Work for clients that have gone, or do not want it any more, stops soon.
+
+#include <atomic>
+#include <thread>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/service/tracer.h"
+#include "tests/unit/service/meshes.h"
+#include "tests/unit/service/running_server.h"
+
+namespace deltaray {
+namespace {
+
+using grpc::StatusCode;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+using testing::HasSubstr;
+
+// Rays that take a millisecond each.
+class CancellationTest : public RunningServer {
+ protected:
+  void StartSlow() {
+    HookedStore::Hooks hooks;
+    hooks.on_query = [this](size_t rays) {
+      for (size_t i = 0; i < rays; ++i) std::this_thread::sleep_for(milliseconds(1));
+      last_work_ = steady_clock::now().time_since_epoch().count();
+      ++queries_;
+    };
+    Start(std::move(hooks));
+    UploadSquares(1, 0, "squares");
+  }
+
+  v1::CastRaysRequest Request(v1::QueryKind kind) {
+    v1::CastRaysRequest request;
+    request.set_mesh("squares");
+    request.mutable_query()->set_kind(kind);
+    for (int i = 0; i < 4000; ++i)
+      request.mutable_rays()->mutable_rays()->append(Bytes<float>({0.25f, 0.5f, 9, 0, 0, -1}));
+    return request;
+  }
+
+  // How long the server worked on after `time`, at most.
+  milliseconds WorkAfter(steady_clock::time_point time) {
+    std::this_thread::sleep_for(milliseconds(400));
+    const steady_clock::time_point last(steady_clock::duration(last_work_.load()));
+    return std::chrono::duration_cast<milliseconds>(last - time);
+  }
+
+  std::atomic<steady_clock::rep> last_work_{0};
+  std::atomic<int> queries_{0};
+};
+
+TEST_F(CancellationTest, SlowRaysStopSoonAfterTheClient) {
+  StartSlow();
+  for (const v1::QueryKind kind : {v1::QUERY_KIND_ALL_HITS, v1::QUERY_KIND_COUNT_HITS}) {
+    const int before = queries_;
+    grpc::ClientContext context;
+    std::thread client([&] {
+      v1::CastRaysResponse response;
+      EXPECT_EQ(rays_->CastRays(&context, Request(kind), &response).error_code(), StatusCode::CANCELLED);
+    });
+    ASSERT_TRUE(Eventually([&] { return queries_ > before; }));
+    context.TryCancel();
+    const auto cancelled = steady_clock::now();
+    client.join();
+    EXPECT_LT(WorkAfter(cancelled), milliseconds(100));
+  }
+}
+
+TEST_F(CancellationTest, ConnectionsThatBreakStopWorkToo) {
+  StartSlow();
+  auto channel = Connect();
+  auto stub = v1::RayService::NewStub(channel);
+  grpc::ClientContext context;
+  auto stream = stub->StreamRays(&context);
+  v1::StreamRaysRequest request;
+  request.mutable_start()->set_mesh("squares");
+  request.mutable_start()->mutable_query()->set_kind(v1::QUERY_KIND_COUNT_HITS);
+  stream->Write(request);
+  *request.mutable_rays() = Request(v1::QUERY_KIND_COUNT_HITS).rays();
+  stream->Write(request);
+  ASSERT_TRUE(Eventually([&] { return queries_ > 0; }));
+  context.TryCancel();
+  const auto gone = steady_clock::now();
+  stream->Finish();
+  EXPECT_LT(WorkAfter(gone), milliseconds(100));
+}
+
+TEST_F(CancellationTest, WorkStopsAtTheDeadlineOfTheCall) {
+  StartSlow();
+  grpc::ClientContext context;
+  const auto deadline = steady_clock::now() + milliseconds(300);
+  context.set_deadline(std::chrono::system_clock::now() + milliseconds(300));
+  v1::CastRaysResponse response;
+  EXPECT_EQ(rays_->CastRays(&context, Request(v1::QUERY_KIND_COUNT_HITS), &response).error_code(),
+            StatusCode::DEADLINE_EXCEEDED);
+  EXPECT_GT(queries_, 0);
+  EXPECT_LT(WorkAfter(deadline), milliseconds(100));
+}
+
+TEST(TracerTest, ShortTasksDoNotWaitForLongOnes) {
+  std::atomic<bool> enough{false};
+  std::atomic<int> between{0}, done{0};
+  Tracer tracer(2);
+  for (int i = 0; i < 2; ++i) {
+    tracer.Enqueue([&] {
+      while (!enough) {
+        std::this_thread::sleep_for(milliseconds(1));
+        tracer.RunShort();
+        ++between;
+      }
+    });
+  }
+  ASSERT_TRUE(Eventually([&] { return between > 4; }));
+  for (int i = 0; i < 100; ++i) {
+    // Within itself, a short task runs no other one.
+    tracer.EnqueueShort([&] {
+      const int now = done;
+      tracer.RunShort();
+      done = now + 1;
+    });
+    ASSERT_TRUE(Eventually([&] { return done == i + 1; }));
+  }
+  enough = true;
+  tracer.Stop();
+  EXPECT_EQ(done, 100);
+}
+
+}  // namespace
+}  // namespace deltaray
