@@ -283,7 +283,7 @@ int Main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("deltarayd"));
   spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
-  TakeGrpcLog();
+  TakeLibraryLogs();
   LogConfiguration(app);
   return Run(flags);
 }

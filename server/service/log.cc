@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "google/protobuf/stubs/logging.h"
 #include "server/mesh/utf8.h"
 #include "spdlog/pattern_formatter.h"
 #include "spdlog/spdlog.h"
@@ -72,6 +73,13 @@ void LogOfGrpc(gpr_log_func_args* args) {
   spdlog::log(level, "gRPC: {}", args->message);
 }
 
+// Apart from what ends the process, protobuf only tells of messages that are malformed. Their senders are told so, and
+// whoever sends many shall not fill the log.
+void LogOfProtobuf(google::protobuf::LogLevel level, const char*, int, const std::string& message) {
+  spdlog::log(level == google::protobuf::LOGLEVEL_FATAL ? spdlog::level::critical : spdlog::level::debug,
+              "protobuf: {}", message);
+}
+
 }  // namespace
 
 std::unique_ptr<spdlog::formatter> MakeLogFormatter(LogFormat format) {
@@ -84,7 +92,10 @@ std::unique_ptr<spdlog::formatter> MakeLogFormatter(LogFormat format) {
   return formatter;
 }
 
-void TakeGrpcLog() { gpr_set_log_function(LogOfGrpc); }
+void TakeLibraryLogs() {
+  gpr_set_log_function(LogOfGrpc);
+  google::protobuf::SetLogHandler(LogOfProtobuf);
+}
 
 void LogEvent(spdlog::level::level_enum level, std::string_view message, const LogFields& fields) {
   if (!spdlog::should_log(level)) return;

@@ -23,8 +23,8 @@ enum class LogFormat : uint8_t { kText, kJson };
 // U+FFFD.
 std::unique_ptr<spdlog::formatter> MakeLogFormatter(LogFormat format);
 
-// Has gRPC's own messages logged as ours are.
-void TakeGrpcLog();
+// Has the messages of gRPC and protobuf logged as ours are.
+void TakeLibraryLogs();
 
 using LogValue = std::variant<std::string_view, int64_t, double>;
 using LogFields = std::vector<std::pair<std::string_view, LogValue>>;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "deltaray/v1/mesh_service.pb.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "spdlog/spdlog.h"
@@ -50,6 +51,17 @@ TEST(LogTest, ScopesNest) {
   { const LogScope inner("inner"); }
   spdlog::info("message");
   EXPECT_THAT(log.text(), HasSubstr("message request_id=\"outer\""));
+}
+
+// protobuf by itself writes to stderr for each message whose text is no UTF-8.
+TEST(LogTest, MalformedMessagesAreForDebugging) {
+  TakeLibraryLogs();
+  CapturedLog log(LogFormat::kText);
+  testing::internal::CaptureStderr();
+  v1::GetMeshRequest request;
+  EXPECT_FALSE(request.ParseFromString("\x0a\x01\xff"));
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  EXPECT_THAT(log.text(), HasSubstr("[debug] protobuf: "));
 }
 
 }  // namespace
