@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/commands/commands.h"
 #include "client/exit_code.h"
+#include "client/named_option.h"
 #include "client/output_file.h"
 
 namespace deltaray {
@@ -40,6 +41,7 @@ void AddGlobalFlags(CLI::App& app, Session& session) {
   app.add_option("--timeout", session.timeout_seconds,
                  "Time to connect, and for each request that is not a stream, in seconds")
       ->check(CLI::Range(0.001, 86400.0))
+      ->check(NotNan)
       ->type_name("SECONDS")
       ->capture_default_str();
   app.add_option("--retry-for", session.retry_seconds,
@@ -47,6 +49,7 @@ void AddGlobalFlags(CLI::App& app, Session& session) {
                  "never")
       ->envname("DELTARAY_RETRY_FOR")
       ->check(CLI::Range(0.0, 86400.0))
+      ->check(NotNan)
       ->type_name("SECONDS")
       ->capture_default_str();
   AddSecurityFlags(app, session.security);

@@ -1,8 +1,10 @@
-// Options that take one of a few names.
+// Options that take one of a few names, and a check of numbers.
 
 #ifndef CLIENT_NAMED_OPTION_H_
 #define CLIENT_NAMED_OPTION_H_
 
+#include <cmath>
+#include <cstdlib>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,6 +13,11 @@
 #include "absl/strings/str_join.h"
 
 namespace deltaray {
+
+// CLI11's checks of ranges let it pass.
+inline std::string NotNan(const std::string& number) {
+  return std::isnan(std::strtod(number.c_str(), nullptr)) ? number + " is not a number" : "";
+}
 
 // Names and what they stand for, in the order that --help shows them.
 template <typename Value>

@@ -10,6 +10,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <utility>
@@ -38,6 +39,10 @@ absl::Status FileError(const char* flag, const std::string& path, absl::string_v
 }
 
 absl::Status ReadWhole(const char* flag, const std::string& path, std::string* bytes) {
+  // A stream opens it, and throws when it is read.
+  if (std::error_code ignored; std::filesystem::is_directory(path, ignored)) {
+    return FileError(flag, path, std::strerror(EISDIR));
+  }
   std::ifstream file(path, std::ios::binary);
   if (file) bytes->assign(std::istreambuf_iterator<char>(file), {});
   return file ? absl::OkStatus() : FileError(flag, path, std::strerror(errno));

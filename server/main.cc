@@ -1,11 +1,15 @@
 // deltarayd: the server.
 
+#include <fcntl.h>
 #include <malloc.h>
 #include <signal.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -42,9 +46,9 @@ Examples:
   deltarayd --listen 0.0.0.0:7878 --tls-cert server.pem --tls-key server.key --token-file tokens
   DELTARAY_THREADS=8 deltarayd --insecure-listen --listen 0.0.0.0:7878
 
-Exit codes: 0 after SIGTERM or SIGINT; 1 where the server could not start; 2 for a wrong flag; 3 where something hung
+Exit codes: 0 after one of the signals below; 1 where the server could not start; 2 for a wrong flag; 3 where something hung
 until 10 s after the drain.
-The first SIGTERM or SIGINT lets batches under way finish, the second one ends the server at once.)";
+The first SIGTERM, SIGINT or SIGHUP lets batches under way finish, the second one ends the server at once.)";
 
 struct Flags {
   ServerOptions server;
@@ -64,6 +68,11 @@ CLI::Option* AddFlag(CLI::App& app, const char* group, const std::string& name, 
   std::string variable = "DELTARAY_" + name;
   for (char& c : variable) c = c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
   return app.add_option("--" + name, value, help)->envname(variable)->group(group)->capture_default_str();
+}
+
+// CLI::Range lets it pass.
+std::string NotNan(const std::string& number) {
+  return std::isnan(std::strtod(number.c_str(), nullptr)) ? number + " is not a number" : "";
 }
 
 void AddFlags(CLI::App& app, Flags& flags) {
@@ -87,7 +96,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Network", "port-file", flags.port_file, "File to write the port to once the server listens");
   AddFlag(app, "Network", "drain-timeout", flags.drain_seconds,
           "Seconds that calls under way get to finish after SIGTERM")
-      ->check(CLI::Range(0.0, 86400.0));
+      ->check(CLI::Range(0.0, 86400.0))
+      ->check(NotNan);
 
   AddFlag(app, "Metrics", "metrics-listen", server.metrics_listen,
           "Address at which Prometheus fetches /metrics: host:port. Empty: nowhere")
@@ -104,7 +114,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
 
   AddFlag(app, "Network", "watchdog-interval", flags.watchdog_seconds,
           "Seconds between two looks of the server at whether it accepts connections and answers")
-      ->check(CLI::Range(0.1, 3600.0));
+      ->check(CLI::Range(0.1, 3600.0))
+      ->check(NotNan);
 
   AddFlag(app, "Storage", "data-dir", server.store.data_directory,
           "Directory that meshes are kept in; made if missing");
@@ -149,7 +160,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1 << 10, 1 << 20));
   AddFlag(app, "Clients", "idle-timeout", flags.idle_seconds,
           "Seconds that a stream, an upload, or a connection without calls may do nothing")
-      ->check(CLI::Range(1.0, 86400.0));
+      ->check(CLI::Range(1.0, 86400.0))
+      ->check(NotNan);
 
   AddFlag(app, "Log", "log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
@@ -211,12 +223,33 @@ void LogConfiguration(const CLI::App& app) {
   LogEvent(spdlog::level::info, "deltarayd starts", fields);
 }
 
+// Files opened later must not take the place of a standard stream that the server was started without.
+void OpenStandardStreams() {
+  int file;
+  do file = open("/dev/null", O_RDWR | O_CLOEXEC);
+  while (file >= 0 && file <= STDERR_FILENO);
+  if (file >= 0) close(file);
+}
+
+// An empty value would leave the server open, where a variable was meant to hold the path.
+absl::Status CheckSecurityPaths(const CLI::App& app) {
+  for (const char* name : {"--tls-cert", "--tls-key", "--tls-client-ca", "--token-file"}) {
+    const CLI::Option* const option = app.get_option(name);
+    const char* const variable = std::getenv(option->get_envname().c_str());
+    const bool empty_flag = option->count() > 0 && option->as<std::string>().empty();
+    const bool empty_variable = option->count() == 0 && variable != nullptr && *variable == '\0';
+    if (empty_flag || empty_variable) return absl::InvalidArgumentError(absl::StrCat(name, ": is given, but empty"));
+  }
+  return absl::OkStatus();
+}
+
 int Run(const Flags& flags) {
   // Before any thread is started, so that all of them inherit it and only sigwait below gets these signals.
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   // Both are told by errno too, to the one call that they concern; the signals would end the server.
   signal(SIGPIPE, SIG_IGN);
@@ -243,7 +276,7 @@ int Run(const Flags& flags) {
   int received = 0;
   sigwait(&signals, &received);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
-  spdlog::info("{}: draining, for at most {} s", received == SIGTERM ? "SIGTERM" : "SIGINT", flags.drain_seconds);
+  spdlog::info("{}: draining, for at most {} s", absl::StrCat("SIG", sigabbrev_np(received)), flags.drain_seconds);
   const ExitDeadline deadline(options.drain_timeout + kEndTime, kHung);
   if (!(*server)->Drain()) spdlog::warn("some calls were cut off");
   server->reset();
@@ -252,6 +285,7 @@ int Run(const Flags& flags) {
 }
 
 int Main(int argc, char** argv) {
+  OpenStandardStreams();
   Flags flags;
   flags.server.store.data_directory = "deltaray-data";
   CLI::App app("deltarayd: answers ray queries on triangle meshes, over gRPC.", "deltarayd");
@@ -265,7 +299,9 @@ int Main(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : kUsage;
   }
   const ServerOptions& server = flags.server;
-  if (absl::Status status = ValidateSecurity(server.security, server.listen, flags.insecure_listen); !status.ok()) {
+  absl::Status status = CheckSecurityPaths(app);
+  if (status.ok()) status = ValidateSecurity(server.security, server.listen, flags.insecure_listen);
+  if (!status.ok()) {
     std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
     return kUsage;
   }

@@ -164,6 +164,7 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
       ->type_name("N");
   command.add_option("--max-wrong-per-million", options->max_wrong_per_million, "Wrong answers that you can live with")
       ->check(CLI::NonNegativeNumber)
+      ->check(NotNan)
       ->type_name("X")
       ->capture_default_str();
   AddFormatFlag(command, options->format);

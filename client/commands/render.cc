@@ -175,6 +175,7 @@ void AddCameraFlags(CLI::App& command, CameraOptions& camera) {
       command, "--up", [&camera](const Vec3& up) { camera.up = up; }, "What is up in the picture [0,1,0]");
   command.add_option("--fov", camera.fov_degrees, "Vertical field of view in degrees")
       ->check(CLI::Range(0.01, 179.0))
+      ->check(NotNan)
       ->type_name("DEGREES")
       ->capture_default_str();
 }

@@ -125,6 +125,7 @@ absl::Status Listener::BindUnix(const std::string& path) {
     return Unavailable(address, reason);
   }
   unix_path_ = path;
+  unix_inode_ = stat(path.c_str(), &file) == 0 ? file.st_ino : 0;
   return absl::OkStatus();
 }
 
@@ -175,7 +176,10 @@ void Listener::EndThread() {
 void Listener::Stop() {
   EndThread();
   for (const int socket : std::exchange(sockets_, {})) close(socket);
-  if (!unix_path_.empty()) unlink(std::exchange(unix_path_, "").c_str());
+  // Where it was removed, another server may listen at that path by now.
+  struct stat file;
+  const std::string path = std::exchange(unix_path_, "");
+  if (!path.empty() && stat(path.c_str(), &file) == 0 && file.st_ino == unix_inode_) unlink(path.c_str());
 }
 
 void Listener::Run() {

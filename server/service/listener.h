@@ -70,6 +70,7 @@ class Listener {
   const uint32_t max_connections_;
   std::vector<int> sockets_;
   std::string unix_path_;           // to be removed at the end
+  ino_t unix_inode_ = 0;            // of the socket there that is ours
   std::atomic<uint64_t> heard_{0};  // connections accepted
   int port_ = 0;
   int stop_event_ = -1;

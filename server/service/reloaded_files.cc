@@ -1,8 +1,10 @@
 #include "server/service/reloaded_files.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <array>
@@ -21,8 +23,13 @@ constexpr size_t kMaxBytes = size_t{4} << 20;
 
 absl::Status ReadWhole(ReloadedFile& file) {
   file.bytes.clear();
-  const std::unique_ptr<FILE, int (*)(FILE*)> stream(fopen(file.path.c_str(), "rbe"), fclose);
-  if (stream == nullptr) return file.Error(strerror(errno));
+  // Without O_NONBLOCK a FIFO would block whoever opens it.
+  const int descriptor = open(file.path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor < 0) return file.Error(strerror(errno));
+  const std::unique_ptr<FILE, int (*)(FILE*)> stream(fdopen(descriptor, "rb"), fclose);
+  struct stat status;
+  if (fstat(descriptor, &status) != 0) return file.Error(strerror(errno));
+  if (!S_ISREG(status.st_mode)) return file.Error("is not a regular file");
   std::array<char, 8192> piece;
   while (const size_t count = fread(piece.data(), 1, piece.size(), stream.get())) {
     file.bytes.append(piece.data(), count);

@@ -224,6 +224,7 @@ absl::StatusOr<FileDescriptor> TemporaryFile::TakeUnnamed() && {
 absl::StatusOr<FileDescriptor> CreateUnnamedFile(const std::string& folder) {
   FileDescriptor file(Retry([&] { return open(folder.c_str(), O_TMPFILE | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode); }));
   if (file.IsOpen()) return file;
+  if (errno == ENOENT) return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", folder));
   // NFS, FUSE and others have no O_TMPFILE.
   if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) return FileError(errno, "create a file in", folder);
   absl::StatusOr<TemporaryFile> temporary = TemporaryFile::Create(folder);

@@ -20,11 +20,19 @@ expect_refused 2 timeout 20 "$bin/deltarayd" --listen 0.0.0.0:0 --data-dir "$scr
 expect_refused 1 timeout 20 "$bin/deltarayd" --listen "$address" --data-dir "$scratch/other"
 expect_text "$scratch/err" "$address"
 expect_refused 1 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir /dev/null/data
+for flag in idle-timeout watchdog-interval drain-timeout; do
+  expect_refused 2 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other" "--$flag" nan
+done
+expect_refused 2 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other" --token-file ''
+expect_text "$scratch/err" 'token-file: is given, but empty'
+expect_refused 2 env DELTARAY_TLS_CERT= timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other"
 expect 0 "$bin/deltarayd" --help
 expect_text "$scratch/out" 'Examples?:'
 
 expect_refused 2 client
 expect_refused 2 client no-such-command
+expect_refused 2 client --timeout nan list
+expect_refused 1 client --ca "$scratch" list
 expect_refused 2 client upload
 expect_refused 2 client cast mesh --columns nonsense
 expect_refused 2 client render mesh --size 640 -o "$scratch/x.png"

@@ -1,6 +1,7 @@
 #include "server/service/reloaded_files.h"
 
 #include <stdlib.h>
+#include <sys/stat.h>
 
 #include <chrono>
 #include <filesystem>
@@ -97,6 +98,17 @@ TEST_F(ReloadedFilesTest, GoesOnAfterFilesThatAreBadOrMissing) {
   EXPECT_THAT(Loads(), ElementsAre("12", "45"));
 }
 
+TEST_F(ReloadedFilesTest, IsNotHeldUpByAFifo) {
+  ASSERT_TRUE(Start().ok());
+  std::filesystem::remove(directory_ / "two");
+  ASSERT_EQ(mkfifo((directory_ / "two").c_str(), 0600), 0);
+  WaitForLooks();
+  std::filesystem::remove(directory_ / "two");
+  Write("two", "5");
+  WaitForLoads(2);
+  EXPECT_THAT(Loads(), ElementsAre("12", "15"));
+}
+
 TEST_F(ReloadedFilesTest, DoesNotStartWithWhatItCanNotUse) {
   Write("one", "bad");
   EXPECT_THAT(std::string(Start().message()), HasSubstr("--first: " + (directory_ / "one").string() + ": is bad"));
@@ -104,6 +116,13 @@ TEST_F(ReloadedFilesTest, DoesNotStartWithWhatItCanNotUse) {
   EXPECT_THAT(std::string(Start().message()), HasSubstr("--second: "));
   // Without end.
   std::filesystem::create_symlink("/dev/zero", directory_ / "two");
+  EXPECT_THAT(std::string(Start().message()), HasSubstr("is not a regular file"));
+  std::filesystem::remove(directory_ / "two");
+  // Nobody writes to it.
+  ASSERT_EQ(mkfifo((directory_ / "two").c_str(), 0600), 0);
+  EXPECT_THAT(std::string(Start().message()), HasSubstr("is not a regular file"));
+  std::filesystem::remove(directory_ / "two");
+  Write("two", std::string(5 << 20, '2'));
   EXPECT_THAT(std::string(Start().message()), HasSubstr("has more than"));
   std::filesystem::remove(directory_ / "two");
   std::filesystem::create_directory(directory_ / "two");
