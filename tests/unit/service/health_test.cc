@@ -1,6 +1,8 @@
 #include "server/service/health.h"
 
+#include <atomic>
 #include <future>
+#include <memory>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -104,21 +106,22 @@ TEST_F(HealthTest, AMeshThatWaitsForItsTurnOrFailsDoesNotServe) {
 }
 
 TEST_F(HealthTest, AMeshServesWhileItIsRebuilt) {
-  std::atomic<bool> hold{false};
-  options_.store.on_delta_leaf = [&] {
-    while (hold) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  // Builds outlive the test's body.
+  const auto hold = std::make_shared<std::atomic<bool>>(false);
+  options_.store.on_delta_leaf = [hold] {
+    while (*hold) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   };
   Start();
   UploadSquares(100, 0, "squares");
   ASSERT_TRUE(Eventually([&] { return Told("mesh/squares") == "SERVING"; }));
-  hold = true;
+  *hold = true;
   grpc::ClientContext context;
   v1::RebuildMeshRequest request;
   request.set_mesh("squares");
   v1::RebuildMeshResponse response;
   ASSERT_TRUE(meshes_->RebuildMesh(&context, request, &response).ok());
   for (int i = 0; i < 20; ++i) EXPECT_EQ(Told("mesh/squares"), "SERVING");
-  hold = false;
+  *hold = false;
 }
 
 TEST_F(HealthTest, DrainIsToldToWatches) {
