@@ -14,10 +14,13 @@ if [ "${DELTARAY_IMAGE_NAMESPACE:-}" != 1 ]; then
 fi
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
-mirror=${DELTARAY_MIRROR:-http://deb.debian.org/debian}
+# That of this system.
+mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Codename: bookworm' | head -n 1)
+mirror=${mirror%/}
 bunny=/usr/share/glmark2/models/bunny.obj
 fail() { echo "FAILED: $*" >&2; exit 1; }
 for program in debootstrap ip chroot; do command -v "$program" >/dev/null || fail "$program is not installed"; done
+[ -n "$mirror" ] || fail "apt has no lists of Debian 12; run apt-get update once"
 [ -e "$bunny" ] || fail "$bunny is missing; it comes with the package glmark2-data"
 
 if [ "${1:-}" = --keep ]; then
