@@ -57,16 +57,22 @@ class FuzzedServer {
     if (!server.ok()) FailFuzz(server.status().ToString());
     server_ = *std::move(server);
     channel_ = grpc::CreateChannel(options.listen, grpc::InsecureChannelCredentials());
-    atexit([] { std::filesystem::remove_all(Get().directory_); });
+    atexit([] { Get().End(); });
   }
 
   static FuzzedServer& Get() {
-    static auto* const server = new FuzzedServer;  // calls may be under way when the process ends
+    static auto* const server = new FuzzedServer;  // ended before what its threads use, the log above all
     return *server;
   }
   const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
 
  private:
+  void End() {
+    channel_.reset();
+    server_.reset();
+    std::filesystem::remove_all(directory_);
+  }
+
   std::string directory_;
   std::unique_ptr<Server> server_;
   std::shared_ptr<grpc::Channel> channel_;
