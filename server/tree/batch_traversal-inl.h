@@ -27,7 +27,7 @@ namespace HWY_NAMESPACE {
 constexpr size_t kPrefetchBytes = size_t{2} << 20;
 
 // Rays in flight: enough to hide the time that memory takes.
-constexpr size_t kInFlight = 32;
+constexpr size_t kInFlight = 24;
 
 // Parts in which a leaf is tested.
 constexpr size_t kLeafParts = kMaxLeafTriangles / kLeafLanes;
@@ -56,83 +56,74 @@ class BatchTraversal {
   HWY_ATTR void Run() {
     // Copies, so that the compiler knows that no store changes them.
     const std::byte* const base = base_;
-    RaySlot* const slots = scratch_.slots();
-    const size_t stack_entries = scratch_.stack_entries();
-    int32_t* const keys = scratch_.keys();
-    uint32_t* const refs = scratch_.refs();
-    uint32_t* nodes = scratch_.list(0);
-    uint32_t* next_nodes = scratch_.list(1);
-    uint32_t* leaves = scratch_.list(2);
-    uint32_t* next_leaves = scratch_.list(3);
-
-    uint32_t* const ended = scratch_.list(4);
+    RaySlot** nodes = scratch_.list(0);
+    RaySlot** next_nodes = scratch_.list(1);
+    RaySlot** leaves = scratch_.list(2);
+    RaySlot** next_leaves = scratch_.list(3);
+    RaySlot** const ended = scratch_.list(4);
 
     size_t node_count = 0, leaf_count = 0;
     for (size_t i = 0; i < in_flight_; ++i) {
-      keys[i * stack_entries] = kBottomKey;
-      refs[i * stack_entries] = kBottomRef;
-      nodes[node_count] = static_cast<uint32_t>(i);
-      node_count += Refill(slots[i]);
+      RaySlot& ray = scratch_.slots()[i];
+      const size_t bottom = i * scratch_.stack_entries();
+      ray.keys = scratch_.keys() + bottom, ray.refs = scratch_.refs() + bottom;
+      ray.keys[0] = kBottomKey, ray.refs[0] = kBottomRef;
+      nodes[node_count] = &ray;
+      node_count += Refill(ray);
     }
     while (node_count + leaf_count > 0) {
-      size_t next_node_count = 0, next_leaf_count = 0, ended_count = 0;
-      // Leads a slot to what is next for it. All lists are written to, but one in vain: no branch could be foretold.
-      const auto go_on = [&](uint32_t index, RaySlot& ray, const RayStack& stack) HWY_ATTR {
-        const uint32_t next = ray.current = Pop<Query::kOrdered>(ray, stack);
-        if (kPrefetch) Prefetch(base + ChildRef(next).offset() * kUnitBytes);
-        const size_t is_leaf = ChildRef(next).IsLeaf(), has_ended = next == kBottomRef;
-        next_nodes[next_node_count] = index;
-        next_node_count += 1 - is_leaf - has_ended;
-        next_leaves[next_leaf_count] = index;
-        next_leaf_count += is_leaf;
-        ended[ended_count] = index;
-        ended_count += has_ended;
+      // The ends of the lists of what is next for a ray: a lookup, since no branch could be foretold.
+      RaySlot** ends[3];
+      ends[ChildRef::kNode] = next_nodes, ends[ChildRef::kLeaf] = next_leaves, ends[ChildRef::kNothing] = ended;
+      const auto go_on = [&](RaySlot& ray) HWY_ATTR {
+        const ChildRef next(Pop<Query::kOrdered>(ray));
+        ray.current = next.bits();
+        if (kPrefetch) Prefetch(base + next.offset() * kUnitBytes);
+        *ends[next.kind()]++ = &ray;
       };
+      // Not in one loop: what the second one does waits for the end of the first one's long chain, and where it was
+      // foretold wrong, all that came after would be done again.
       for (size_t i = 0; i < node_count; ++i) {
-        const uint32_t index = nodes[i];
-        RaySlot& ray = slots[index];
-        const RayStack stack{keys + index * stack_entries, refs + index * stack_entries};
-        PushChildren<Query::kOrdered>(base + ChildRef(ray.current).offset() * kUnitBytes, ray, stack);
-        go_on(index, ray, stack);
+        RaySlot& ray = *nodes[i];
+        PushChildren<Query::kOrdered>(base + ChildRef(ray.current).offset() * kUnitBytes, ray);
       }
+      for (size_t i = 0; i < node_count; ++i) go_on(*nodes[i]);
       // Leaves that have hits are set aside, again so that no branch is taken per leaf.
       size_t hit_count = 0;
       for (size_t i = 0; i < leaf_count; ++i) {
-        const RaySlot& ray = slots[leaves[i]];
+        const RaySlot& ray = *leaves[i];
         const LeafView leaf = ViewOf(ray);
         for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
           LeafHit& hit = hits_[hit_count];
           hit.start = Test::Start(ray, leaf, first);
-          hit.slot = leaves[i];
+          hit.ray = leaves[i];
           hit.first = first;
           hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
         }
       }
       for (size_t i = 0; i < hit_count; ++i) {
-        RaySlot& ray = slots[hits_[i].slot];
+        RaySlot& ray = *hits_[i].ray;
         query_.Take(ray, ViewOf(ray), hits_[i].first, hits_[i].start);
       }
-      for (size_t i = 0; i < leaf_count; ++i) {
-        const uint32_t index = leaves[i];
-        go_on(index, slots[index], {keys + index * stack_entries, refs + index * stack_entries});
-      }
+      for (size_t i = 0; i < leaf_count; ++i) go_on(*leaves[i]);
       // Rays that may hit something are set aside likewise; leaves, which nobody needs any more, make room for them.
+      const size_t ended_count = static_cast<size_t>(ends[ChildRef::kNothing] - ended);
       size_t may_hit_count = 0;
       for (size_t i = 0; i < ended_count; ++i) {
-        const RaySlot& ray = slots[ended[i]];
+        const RaySlot& ray = *ended[i];
         query_.Miss(ray.ray);
         leaves[may_hit_count] = ended[i];
         may_hit_count += ray.MayHit();
       }
-      for (size_t i = 0; i < may_hit_count; ++i) query_.End(slots[leaves[i]]);
+      for (size_t i = 0; i < may_hit_count; ++i) query_.End(*leaves[i]);
       for (size_t i = 0; i < ended_count; ++i) {
-        const uint32_t index = ended[i];
-        next_nodes[next_node_count] = index;
-        next_node_count += Refill(slots[index]);
+        *ends[ChildRef::kNode] = ended[i];
+        ends[ChildRef::kNode] += Refill(*ended[i]);
       }
+      node_count = static_cast<size_t>(ends[ChildRef::kNode] - next_nodes);
+      leaf_count = static_cast<size_t>(ends[ChildRef::kLeaf] - next_leaves);
       std::swap(nodes, next_nodes);
       std::swap(leaves, next_leaves);
-      node_count = next_node_count, leaf_count = next_leaf_count;
     }
   }
 
@@ -140,7 +131,8 @@ class BatchTraversal {
   // A leaf, or a part of one, that has hits.
   struct LeafHit {
     typename Test::First start;
-    uint32_t slot, first;
+    RaySlot* ray;
+    uint32_t first;
   };
 
   // The leaf that a ray has come to.

@@ -46,7 +46,7 @@ class DecisionQueue {
     double lower[kPairs], upper[kPairs];
     for (uint32_t i = 0; i < count; i += hn::MaxLanes(d)) {
       const Test test(several_, i, culling_);
-      const Interval t(test.t, test.det);
+      const Interval t(test.t, Divisor(test.det));
       hn::StoreU(t.lower, d, lower + i);
       hn::StoreU(t.upper, d, upper + i);
       missed |= Bits(test.missed) << i;
@@ -117,12 +117,12 @@ class DecisionQueue {
     return hn::And(hn::Le(hn::Abs(a.value), a.error), hn::Ne(a.error, hn::Zero(D())));
   }
 
-  // Rays and triangles, in the tree's frame.
+  // Rays and triangles, in the tree's frame, as the floats that they are there.
   struct Pairs {
-    HWY_ALIGN double corners[9][kPairs] = {};
-    HWY_ALIGN double origin[3][kPairs] = {};
-    HWY_ALIGN double direction[3][kPairs] = {};
-    HWY_ALIGN double ends[2][kPairs] = {};  // the ray's own
+    HWY_ALIGN float corners[9][kPairs] = {};
+    HWY_ALIGN float origin[3][kPairs] = {};
+    HWY_ALIGN float direction[3][kPairs] = {};
+    HWY_ALIGN float ends[2][kPairs] = {};  // the ray's own
     HWY_ALIGN double unscale[kPairs] = {};
 
     HWY_ATTR HWY_INLINE void Put(size_t at, const RaySlot& ray, const Ray& given, const LeafView& leaf, uint32_t lane) {
@@ -136,9 +136,12 @@ class DecisionQueue {
       unscale[at] = ray.t_unscale;
     }
 
-    HWY_ATTR static HWY_INLINE Vec Load(const double (*columns)[kPairs], size_t first) {
+    HWY_ATTR static HWY_INLINE V Load(const float* column) {
       const D d;
-      return {hn::LoadU(d, columns[0] + first), hn::LoadU(d, columns[1] + first), hn::LoadU(d, columns[2] + first)};
+      return hn::PromoteTo(d, hn::LoadU(hn::Rebind<float, D>(), column));
+    }
+    HWY_ATTR static HWY_INLINE Vec Load(const float (*columns)[kPairs], size_t first) {
+      return {Load(columns[0] + first), Load(columns[1] + first), Load(columns[2] + first)};
     }
   };
 
@@ -171,9 +174,11 @@ class DecisionQueue {
       uncertain = hn::Or(hn::Or(IsUncertain(det), IsUncertain(u)), hn::Or(IsUncertain(v), IsUncertain(w)));
       back = hn::Lt(det.value, hn::Zero(d));
       const V sign = hn::And(det.value, hn::SignBit(d));
+      // Of a power of two, and so exact.
+      const V scale = hn::Div(hn::Set(d, 1.0), hn::LoadU(d, pairs.unscale + first));
       for (int end = 0; end < 2; ++end) {
         // Beyond kFarthestEnd lies no hit.
-        const V scaled = hn::Div(hn::LoadU(d, pairs.ends[end] + first), hn::LoadU(d, pairs.unscale + first));
+        const V scaled = hn::Mul(Pairs::Load(pairs.ends[end] + first), scale);
         const V at = hn::Clamp(scaled, hn::Set(d, -kFarthestEnd), hn::Set(d, kFarthestEnd));
         const V beyond = hn::Xor(hn::Sub(t.value, hn::Mul(at, det.value)), sign);
         const Approximate inside{end == 0 ? beyond : hn::Neg(beyond),
@@ -188,15 +193,29 @@ class DecisionQueue {
     }
   };
 
-  // What a quotient is between, where the sign of its denominator is certain.
+  // What divides the pairs' values by their determinants, where the sign of these is certain.
+  struct Divisor {
+    V det_error, inverse, inverse_least;  // of the determinant, and of its least magnitude
+
+    HWY_ATTR HWY_INLINE explicit Divisor(Approximate det) {
+      const D d;
+      const V one = hn::Set(d, 1.0);
+      det_error = det.error;
+      inverse = hn::Div(one, det.value);
+      inverse_least = hn::Div(one, hn::Sub(hn::Abs(det.value), det.error));
+    }
+  };
+
+  // What a quotient is between. Its roundings, and those of the bounds, are at most 2^-53 of it each, three in all; the
+  // few of the error, 1.001 makes up for.
   struct Interval {
     V lower, upper;
 
-    HWY_ATTR HWY_INLINE Interval(Approximate numerator, Approximate denominator) {
+    HWY_ATTR HWY_INLINE Interval(Approximate numerator, const Divisor& divisor) {
       const D d;
-      const V value = hn::Div(numerator.value, denominator.value);
-      const V error = hn::Div(hn::Add(numerator.error, hn::Mul(hn::Abs(value), denominator.error)),
-                              hn::Sub(hn::Abs(denominator.value), denominator.error));
+      const V value = hn::Mul(numerator.value, divisor.inverse);
+      const V error =
+          hn::Mul(hn::Add(numerator.error, hn::Mul(hn::Abs(value), divisor.det_error)), divisor.inverse_least);
       const V bound = hn::Add(hn::Mul(hn::Set(d, 1.001), error), hn::Mul(hn::Set(d, 0x1p-51), hn::Abs(value)));
       lower = hn::Sub(value, bound);
       upper = hn::Add(value, bound);
@@ -221,9 +240,10 @@ class DecisionQueue {
     M certain = hn::Not(hn::Or(test.uncertain, test.missed));
     // Lanes of which the rounded numbers can not be told, are decided one by one.
     float rounded[3][hn::MaxLanes(D())];
-    Round(Interval(test.t, test.det), hn::LoadU(d, queued_.unscale + first), rounded[0], &certain);
-    Round(Interval(test.u, test.det), hn::Set(d, 1.0), rounded[1], &certain);
-    Round(Interval(test.v, test.det), hn::Set(d, 1.0), rounded[2], &certain);
+    const Divisor divisor(test.det);
+    Round(Interval(test.t, divisor), hn::LoadU(d, queued_.unscale + first), rounded[0], &certain);
+    Round(Interval(test.u, divisor), hn::Set(d, 1.0), rounded[1], &certain);
+    Round(Interval(test.v, divisor), hn::Set(d, 1.0), rounded[2], &certain);
     const uint32_t hit_bits = Bits(certain), missed_bits = Bits(test.missed), back_bits = Bits(test.back);
     for (size_t i = 0; i < count; ++i) {
       Hit& hit = hits_[ray_[first + i]];

@@ -96,11 +96,12 @@ HWY_ATTR HWY_INLINE MLeaf NotCulled(Culling culling, MLeaf back) {
 // Each level is a test in two steps: the first one finds the lanes that may be hit, mostly none; the second one, which
 // takes what the first one found out, is for the rare leaves that have some.
 
-// AccuracyLevel::kFast. Smaller determinants count as 0: their inverses may be infinite, and infinity times 0 no
-// number.
+// Determinants below this count as 0 in float: their inverses may be infinite, and infinity times 0 no number.
+constexpr float kLeastDeterminant = 0x1p-126f;
+
+// AccuracyLevel::kFast.
 struct FastTest {
   static constexpr bool kExact = false;
-  static constexpr float kLeastDeterminant = 0x1p-126f;
 
   struct First {
     VLeaf det, u, v, t;  // turned so that the determinant counts as positive
@@ -162,9 +163,8 @@ struct WatertightTest {
   }
 
   struct First {
-    VLeaf a, b, c;  // edge functions, which are the barycentric coordinates times the determinant
-    VLeaf det;
-    VLeaf az, bz, cz;  // the corners along the last axis
+    VLeaf b, c;    // edge functions, which are the barycentric coordinates times the determinant
+    VLeaf det, t;  // t times the determinant
     MLeaf mask;
   };
 
@@ -173,37 +173,41 @@ struct WatertightTest {
     const uint32_t kx = ray.axis[0], ky = ray.axis[1], kz = ray.axis[2];
     const VLeaf ox = hn::Set(d, ray.origin[kx]), oy = hn::Set(d, ray.origin[ky]), oz = hn::Set(d, ray.origin[kz]);
     const VLeaf shear_x = hn::Set(d, ray.shear[0]), shear_y = hn::Set(d, ray.shear[1]);
+    const VLeaf az = hn::Sub(leaf.Corner(0, kz, first), oz);
+    const VLeaf bz = hn::Sub(leaf.Corner(1, kz, first), oz);
+    const VLeaf cz = hn::Sub(leaf.Corner(2, kz, first), oz);
+    const VLeaf ax = hn::NegMulAdd(shear_x, az, hn::Sub(leaf.Corner(0, kx, first), ox));
+    const VLeaf ay = hn::NegMulAdd(shear_y, az, hn::Sub(leaf.Corner(0, ky, first), oy));
+    const VLeaf bx = hn::NegMulAdd(shear_x, bz, hn::Sub(leaf.Corner(1, kx, first), ox));
+    const VLeaf by = hn::NegMulAdd(shear_y, bz, hn::Sub(leaf.Corner(1, ky, first), oy));
+    const VLeaf cx = hn::NegMulAdd(shear_x, cz, hn::Sub(leaf.Corner(2, kx, first), ox));
+    const VLeaf cy = hn::NegMulAdd(shear_y, cz, hn::Sub(leaf.Corner(2, ky, first), oy));
     First result;
-    result.az = hn::Sub(leaf.Corner(0, kz, first), oz);
-    result.bz = hn::Sub(leaf.Corner(1, kz, first), oz);
-    result.cz = hn::Sub(leaf.Corner(2, kz, first), oz);
-    const VLeaf ax = hn::NegMulAdd(shear_x, result.az, hn::Sub(leaf.Corner(0, kx, first), ox));
-    const VLeaf ay = hn::NegMulAdd(shear_y, result.az, hn::Sub(leaf.Corner(0, ky, first), oy));
-    const VLeaf bx = hn::NegMulAdd(shear_x, result.bz, hn::Sub(leaf.Corner(1, kx, first), ox));
-    const VLeaf by = hn::NegMulAdd(shear_y, result.bz, hn::Sub(leaf.Corner(1, ky, first), oy));
-    const VLeaf cx = hn::NegMulAdd(shear_x, result.cz, hn::Sub(leaf.Corner(2, kx, first), ox));
-    const VLeaf cy = hn::NegMulAdd(shear_y, result.cz, hn::Sub(leaf.Corner(2, ky, first), oy));
-    result.a = hn::Sub(hn::Mul(cx, by), hn::Mul(cy, bx));
+    const VLeaf a = hn::Sub(hn::Mul(cx, by), hn::Mul(cy, bx));
     result.b = hn::Sub(hn::Mul(ax, cy), hn::Mul(ay, cx));
     result.c = hn::Sub(hn::Mul(bx, ay), hn::Mul(by, ax));
     const VLeaf zero = hn::Zero(d);
-    const MLeaf inside = hn::Or(hn::Ge(hn::Min(hn::Min(result.a, result.b), result.c), zero),
-                                hn::Le(hn::Max(hn::Max(result.a, result.b), result.c), zero));
-    result.det = hn::Add(hn::Add(result.a, result.b), result.c);
-    result.mask = hn::And(hn::And(inside, hn::Ne(result.det, zero)), hn::FirstN(d, leaf.count - first));
+    const MLeaf inside = hn::Or(hn::Ge(hn::Min(hn::Min(a, result.b), result.c), zero),
+                                hn::Le(hn::Max(hn::Max(a, result.b), result.c), zero));
+    result.det = hn::Add(hn::Add(a, result.b), result.c);
+    result.t = hn::Mul(hn::MulAdd(a, az, hn::MulAdd(result.b, bz, hn::Mul(result.c, cz))), hn::Set(d, ray.shear[2]));
+    const VLeaf sign = hn::And(result.det, hn::SignBit(d));
+    const VLeaf after = hn::Xor(hn::NegMulAdd(hn::Set(d, ray.t_min), result.det, result.t), sign);
+    const VLeaf before = hn::Xor(hn::MulSub(hn::Set(d, ray.limit), result.det, result.t), sign);
+    const MLeaf in_range = hn::Ge(hn::Min(after, before), zero);
+    const MLeaf large = hn::Ge(hn::Abs(result.det), hn::Set(d, kLeastDeterminant));
+    result.mask = hn::And(hn::And(inside, in_range), hn::And(large, hn::FirstN(d, leaf.count - first)));
     return result;
   }
 
-  HWY_ATTR static HWY_INLINE LeafHits Finish(const RaySlot& ray, const First& start, Culling culling) {
+  HWY_ATTR static HWY_INLINE LeafHits Finish(const RaySlot&, const First& start, Culling culling) {
     const DLeaf d;
     const VLeaf inverse = hn::Div(hn::Set(d, 1.0f), start.det);
-    const VLeaf t = hn::MulAdd(start.a, start.az, hn::MulAdd(start.b, start.bz, hn::Mul(start.c, start.cz)));
     LeafHits hits;
-    hits.t = hn::Mul(hn::Mul(t, hn::Set(d, ray.shear[2])), inverse);
+    hits.t = hn::Mul(start.t, inverse);
     hits.u = hn::Mul(start.b, inverse), hits.v = hn::Mul(start.c, inverse);
     hits.back = hn::Lt(start.det, hn::Zero(d));
-    const MLeaf in_range = hn::And(hn::Ge(hits.t, hn::Set(d, ray.t_min)), hn::Le(hits.t, hn::Set(d, ray.limit)));
-    hits.mask = hn::And(hn::And(start.mask, in_range), NotCulled(culling, hits.back));
+    hits.mask = hn::And(start.mask, NotCulled(culling, hits.back));
     return hits;
   }
 };
@@ -236,12 +240,12 @@ struct ExactTest {
     // Certainly beside the triangle, whether or not the determinant has a certain sign.
     const Slack slack(ray, leaf, first, result.far);
     const VLeaf w = hn::Sub(hn::Sub(result.det, result.u), result.v);
-    const VLeaf least = hn::Min(hn::Min(result.u, result.v), w), greatest = hn::Max(hn::Max(result.u, result.v), w);
+    const VLeaf most_outside = hn::Neg(hn::Min(hn::Min(result.u, result.v), w));
     const MLeaf sure = hn::Gt(result.det, slack.det);
-    const MLeaf positive = hn::Or(sure, hn::Gt(greatest, slack.edge));
-    const MLeaf beside = hn::And(hn::Lt(least, hn::Neg(slack.edge)), positive);
+    const MLeaf beside = hn::Gt(most_outside, slack.edge);
+    const MLeaf far_beside = hn::Gt(hn::Mul(most_outside, hn::Set(d, 0.25f)), slack.edge);
     const Ends ends(ray, result, slack);
-    const MLeaf out = hn::Or(beside, hn::And(sure, ends.outside));
+    const MLeaf out = hn::Or(far_beside, hn::And(sure, hn::Or(beside, ends.outside())));
     result.mask = hn::AndNot(out, hn::FirstN(d, leaf.count - first));
     return result;
   }
@@ -279,7 +283,7 @@ struct ExactTest {
     const VLeaf w = hn::Sub(hn::Sub(det, start.u), start.v);
     const MLeaf inside = hn::And(sure, hn::Gt(hn::Min(hn::Min(start.u, start.v), w), slack.edge));
     const Ends ends(ray, start, slack);
-    const MLeaf certain = hn::And(hits.mask, hn::And(inside, ends.within));
+    const MLeaf certain = hn::And(hits.mask, hn::And(inside, ends.within()));
     *certain_limit = hn::GetLane(hn::MinOfLanes(d, hn::IfThenElse(certain, upper, hn::Set(d, ray.limit))));
     return hits;
   }
@@ -288,32 +292,42 @@ struct ExactTest {
   // Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
   struct Slack {
     VLeaf det, edge, t;
+    VLeaf size2, t_factor;
 
     HWY_ATTR HWY_INLINE Slack(const RaySlot& ray, const LeafView& leaf, uint32_t first, VLeaf far) {
       const DLeaf d;
-      const VLeaf size = leaf.Sizes(first), size2 = hn::Mul(size, size);
+      const VLeaf size = leaf.Sizes(first);
+      size2 = hn::Mul(size, size);
       det = hn::Mul(hn::Set(d, ray.det_slack), size2);
-      edge = hn::Mul(hn::Set(d, ray.edge_slack), hn::MulAdd(far, size, hn::Mul(hn::Set(d, 0.5f), size2)));
-      t = hn::Mul(hn::Mul(hn::Set(d, 60 * 0x1p-24f), far), size2);
+      edge = hn::Mul(hn::Mul(hn::Set(d, ray.edge_slack), size), hn::MulAdd(hn::Set(d, 0.5f), size, far));
+      t_factor = hn::Mul(hn::Set(d, 60 * 0x1p-24f), far);
+      t = hn::Mul(t_factor, size2);
     }
   };
 
-  // Whether t is in the interval, where the sign of the determinant is certain.
+  // How far t is outside of the ends of the interval, times the determinant, where its sign is certain; and how far off
+  // that may be.
   struct Ends {
-    MLeaf outside, within;  // for certain
+    VLeaf before, beyond, before_slack, beyond_slack;
 
     HWY_ATTR HWY_INLINE Ends(const RaySlot& ray, const First& test, const Slack& slack) {
       const DLeaf d;
       const VLeaf t_min = hn::Set(d, ray.t_min), limit = hn::Set(d, ray.limit);
-      const VLeaf at_t_min = hn::Mul(t_min, test.det), at_limit = hn::Mul(limit, test.det);
-      const VLeaf t_min_slack = EndSlack(t_min, slack), limit_slack = EndSlack(limit, slack);
-      outside = hn::Or(hn::Lt(hn::Add(test.t, t_min_slack), at_t_min), hn::Gt(hn::Sub(test.t, limit_slack), at_limit));
-      within = hn::And(hn::Gt(hn::Sub(test.t, t_min_slack), at_t_min), hn::Lt(hn::Add(test.t, limit_slack), at_limit));
+      before = hn::MulSub(t_min, test.det, test.t);
+      beyond = hn::NegMulAdd(limit, test.det, test.t);
+      before_slack = EndSlack(ray, t_min, slack), beyond_slack = EndSlack(ray, limit, slack);
+    }
+
+    HWY_ATTR HWY_INLINE MLeaf outside() const {
+      return hn::Or(hn::Gt(before, before_slack), hn::Gt(beyond, beyond_slack));
+    }
+    HWY_ATTR HWY_INLINE MLeaf within() const {
+      return hn::And(hn::Lt(before, hn::Neg(before_slack)), hn::Lt(beyond, hn::Neg(beyond_slack)));
     }
 
     // The error bound of T - end * det.
-    HWY_ATTR static HWY_INLINE VLeaf EndSlack(VLeaf end, const Slack& slack) {
-      return hn::MulAdd(hn::Set(DLeaf(), 1.25f), hn::Mul(hn::Abs(end), slack.det), slack.t);
+    HWY_ATTR static HWY_INLINE VLeaf EndSlack(const RaySlot& ray, VLeaf end, const Slack& slack) {
+      return hn::Mul(hn::MulAdd(hn::Set(DLeaf(), ray.end_slack), hn::Abs(end), slack.t_factor), slack.size2);
     }
   };
 };

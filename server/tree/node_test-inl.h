@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <limits>
 
@@ -29,33 +30,26 @@ using DNodeUint = hn::RebindToUnsigned<DNode>;
 constexpr int kWidth = hn::MaxLanes(DNode());
 constexpr size_t kUnitBytes = UnitBytes(kWidth);
 
-// A key of the stack: OrderedBits of a lower bound of the t at which a box is entered, the last four bits replaced by
-// the box's lane.
+// A key of the stack: the bits of the t at which a box is entered, or of 0 where that is negative, the last four bits
+// replaced by the box's lane. So none is negative, nor greater than LimitKey of that t.
 constexpr int32_t kLaneMask = 15;
-
-// Up to 8 keys that are sorted in a register.
-using DKeys = hn::CappedTag<int32_t, 8>;
-using VKeys = hn::Vec<DKeys>;
-constexpr int kSortedKeys = hn::MaxLanes(DKeys());
-
-// A ray's nodes and leaves that are still to be looked at, the nearest last. `keys` and `refs` have room for kWidth
-// more than are ever on it, since whole registers are stored.
-struct RayStack {
-  int32_t* keys;
-  uint32_t* refs;
-};
 
 // What lies below all entries of a ray's stack: it always matters, and says that nothing else does.
 constexpr int32_t kBottomKey = std::numeric_limits<int32_t>::min();
 constexpr uint32_t kBottomRef = ChildRef::kNone;
 
+// Entries with greater keys do not matter to a ray of that limit.
+HWY_ATTR HWY_INLINE int32_t LimitKey(float limit) {
+  return limit == kNothingMatters ? kBottomKey : std::max(std::bit_cast<int32_t>(limit), 0) | kLaneMask;
+}
+
 // Entries that a stack must have room for in a tree of so many levels of nodes.
 constexpr size_t StackEntries(uint32_t levels) { return size_t{levels} * (kWidth - 1) + 2 + 2 * kWidth; }
 
-// Sorts from greatest to least by a bitonic network.
-HWY_ATTR HWY_INLINE VKeys SortDescending(VKeys keys) {
-  const DKeys d;
-  const auto exchange = [&](VKeys partner, auto keep_greater) HWY_ATTR {
+// Sorts 4 or 8 keys from greatest to least by a bitonic network.
+template <typename DKeys>
+HWY_ATTR HWY_INLINE hn::Vec<DKeys> SortDescending(DKeys d, hn::Vec<DKeys> keys) {
+  const auto exchange = [&](hn::Vec<DKeys> partner, auto keep_greater) HWY_ATTR {
     keys = hn::IfThenElse(keep_greater, hn::Max(keys, partner), hn::Min(keys, partner));
   };
   HWY_ALIGN constexpr int32_t kEven[8] = {-1, 0, -1, 0, -1, 0, -1, 0};
@@ -64,12 +58,12 @@ HWY_ATTR HWY_INLINE VKeys SortDescending(VKeys keys) {
   exchange(hn::Shuffle2301(keys), even);
   exchange(hn::Shuffle0123(keys), low_pair);
   exchange(hn::Shuffle2301(keys), even);
-#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
-  HWY_ALIGN constexpr int32_t kLowHalf[8] = {-1, -1, -1, -1, 0, 0, 0, 0};
-  exchange(hn::Reverse(d, keys), hn::MaskFromVec(hn::Load(d, kLowHalf)));
-  exchange(hn::Shuffle1032(keys), low_pair);
-  exchange(hn::Shuffle2301(keys), even);
-#endif
+  if constexpr (hn::MaxLanes(d) == 8) {
+    HWY_ALIGN constexpr int32_t kLowHalf[8] = {-1, -1, -1, -1, 0, 0, 0, 0};
+    exchange(hn::Reverse(d, keys), hn::MaskFromVec(hn::Load(d, kLowHalf)));
+    exchange(hn::Shuffle1032(keys), low_pair);
+    exchange(hn::Shuffle2301(keys), even);
+  }
   return keys;
 }
 
@@ -81,33 +75,38 @@ HWY_ATTR HWY_INLINE size_t PushSorted(const std::byte* node, hn::Vec<DNode> near
   const DNodeInt di;
   const DNodeUint du;
   const size_t count = hn::CountTrue(d, hit);
-  // Keys that order as `near` does, and bound it from below.
-  const auto bits = hn::BitCast(di, near);
-  const auto ordered = hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(di, 0x7FFFFFFF)));
-  const auto lane_keys =
-      hn::Sub(hn::Or(hn::AndNot(hn::Set(di, kLaneMask), ordered), hn::Iota(di, 0)), hn::Set(di, kLaneMask + 1));
   const auto keys =
-      hn::IfThenElse(hn::RebindMask(di, hit), lane_keys, hn::Set(di, std::numeric_limits<int32_t>::min()));
+      hn::Or(hn::AndNot(hn::Set(di, kLaneMask), hn::Max(hn::BitCast(di, near), hn::Zero(di))), hn::Iota(di, 0));
   const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
 #if HWY_TARGET == HWY_AVX3
-  if (HWY_LIKELY(count <= kSortedKeys)) {
-    const DKeys dk;
-    const auto few = hn::LowerHalf(dk, hn::Compress(keys, hn::RebindMask(di, hit)));
-    const VKeys sorted =
-        SortDescending(hn::IfThenElse(hn::FirstN(dk, count), few, hn::Set(dk, std::numeric_limits<int32_t>::min())));
+  // Lanes past the last one are 0, as if the first child came again; only a key of that child itself is as low as
+  // theirs.
+  const hn::Vec<DNodeInt> packed{_mm512_maskz_compress_epi32(hit.raw, keys.raw)};
+  if (HWY_LIKELY(count <= 4)) {
+    const hn::FixedTag<int32_t, 4> dk;
+    const auto sorted = SortDescending(dk, hn::LowerHalf(hn::LowerHalf(packed)));
     hn::StoreU(sorted, dk, out_keys);
-    const auto lanes = hn::ZeroExtendVector(di, hn::And(sorted, hn::Set(dk, kLaneMask)));
-    const auto refs = hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes));
+    const hn::Vec<DNodeUint> refs{_mm512_permutexvar_epi32(_mm512_castsi128_si512(sorted.raw), children.raw)};
+    hn::StoreU(hn::LowerHalf(hn::LowerHalf(refs)), hn::RebindToUnsigned<decltype(dk)>(), out_refs);
+    return count;
+  }
+  if (HWY_LIKELY(count <= 8)) {
+    const hn::FixedTag<int32_t, 8> dk;
+    const auto sorted = SortDescending(dk, hn::LowerHalf(packed));
+    hn::StoreU(sorted, dk, out_keys);
+    const hn::Vec<DNodeUint> refs{_mm512_permutexvar_epi32(_mm512_castsi256_si512(sorted.raw), children.raw)};
     hn::StoreU(hn::LowerHalf(hn::Half<DNodeUint>(), refs), hn::Half<DNodeUint>(), out_refs);
     return count;
   }
-  hn::CompressStore(keys, hn::RebindMask(di, hit), di, out_keys);
+  hn::StoreU(packed, di, out_keys);
   std::sort(out_keys, out_keys + count, [](int32_t a, int32_t b) { return a > b; });
   for (size_t i = 0; i < count; ++i) {
     out_refs[i] = reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes)[out_keys[i] & kLaneMask];
   }
 #else
-  const VKeys sorted = SortDescending(keys);
+  // Lanes that are not hit are 0, as if the first child came again; only a key of that child itself is as low as
+  // theirs.
+  const auto sorted = SortDescending(di, hn::IfThenElseZero(hn::RebindMask(di, hit), keys));
   hn::StoreU(sorted, di, out_keys);
   const auto lanes = hn::And(sorted, hn::Set(di, kWidth - 1));
   hn::StoreU(hn::TableLookupLanes(children, hn::IndicesFromVec(du, lanes)), du, out_refs);
@@ -158,11 +157,11 @@ HWY_ATTR HWY_INLINE NodeHits TestNode(const std::byte* node, const RaySlot& ray)
     return hn::MulAdd(face(axis, upper), hn::Set(d, ray.inverse[axis]), hn::Set(d, offset[axis]));
   };
   const auto near_x = cross(0, ray.flip[0], ray.near_offset),
-             far_x = cross(0, kUnitBytes - ray.flip[0], ray.far_offset);
+             far_x = cross(0, ~ray.flip[0] & kUnitBytes, ray.far_offset);
   const auto near_y = cross(1, ray.flip[1], ray.near_offset),
-             far_y = cross(1, kUnitBytes - ray.flip[1], ray.far_offset);
+             far_y = cross(1, ~ray.flip[1] & kUnitBytes, ray.far_offset);
   const auto near_z = cross(2, ray.flip[2], ray.near_offset),
-             far_z = cross(2, kUnitBytes - ray.flip[2], ray.far_offset);
+             far_z = cross(2, ~ray.flip[2] & kUnitBytes, ray.far_offset);
   const auto near = hn::Max(hn::Max(near_x, near_y), hn::Max(near_z, hn::Set(d, ray.t_min)));
   const auto far = hn::Min(hn::Min(far_x, far_y), hn::Min(far_z, hn::Set(d, ray.limit)));
   return {hn::Le(near, far), near};
@@ -171,28 +170,28 @@ HWY_ATTR HWY_INLINE NodeHits TestNode(const std::byte* node, const RaySlot& ray)
 // Pushes the children of `node` whose boxes the ray enters within its range: the nearest last, or in any order and
 // without keys.
 template <bool kOrdered>
-HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray, const RayStack& stack) {
+HWY_ATTR HWY_INLINE void PushChildren(const std::byte* node, RaySlot& ray) {
   const NodeHits hits = TestNode(node, ray);
+  uint32_t* const refs = ray.refs + ray.stack_size;
   if (kOrdered) {
-    ray.stack_size += static_cast<uint32_t>(
-        PushSorted(node, hits.near, hits.mask, stack.keys + ray.stack_size, stack.refs + ray.stack_size));
+    ray.stack_size += static_cast<uint32_t>(PushSorted(node, hits.near, hits.mask, ray.keys + ray.stack_size, refs));
   } else {
     const DNodeUint du;
     const auto children = hn::Load(du, reinterpret_cast<const uint32_t*>(node + 6 * kUnitBytes));
-    hn::StoreU(Packed(children, hits.mask), du, stack.refs + ray.stack_size);
+    hn::StoreU(Packed(children, hits.mask), du, refs);
     ray.stack_size += static_cast<uint32_t>(hn::CountTrue(DNode(), hits.mask));
   }
 }
 
-// Takes the last entry that still matters off the stack, and returns its ref. REQUIRES: the bottom is on it.
+// Takes the last entry that still matters off the ray's stack, and returns its ref. REQUIRES: the bottom is on it.
 template <bool kOrdered>
-HWY_ATTR HWY_INLINE uint32_t Pop(RaySlot& ray, const RayStack& stack) {
+HWY_ATTR HWY_INLINE uint32_t Pop(RaySlot& ray) {
   uint32_t top = ray.stack_size - 1;
   if (kOrdered) {
-    while (stack.keys[top] > ray.limit_bits) --top;
+    while (ray.keys[top] > ray.limit_key) --top;
   }
   ray.stack_size = top;
-  return stack.refs[top];
+  return ray.refs[top];
 }
 
 // Brings what stands at `data` nearer, where the tree is too large for the caches. As much as a node has, whatever it

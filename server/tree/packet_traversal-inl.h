@@ -74,18 +74,25 @@ class PacketTraversal {
   // Sums up the packet. False: its rays do not go the same way.
   HWY_ATTR bool FindBounds(std::span<const Ray> rays, bool wide) {
     if (!wide && StartApart(rays.front(), rays.back())) return false;
-    const D4 d;
-    // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max.
-    V4 low[2] = {hn::LoadU(d, &rays[0].origin.x), hn::LoadU(d, &rays[0].direction.x)};
-    V4 high[2] = {low[0], low[1]};
-    for (const Ray& ray : rays.subspan(1)) {
-      const V4 origin = hn::LoadU(d, &ray.origin.x), direction = hn::LoadU(d, &ray.direction.x);
-      low[0] = hn::Min(low[0], origin), high[0] = hn::Max(high[0], origin);
-      low[1] = hn::Min(low[1], direction), high[1] = hn::Max(high[1], direction);
+    // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max. Four
+    // rays at a time, so that they need not wait for each other.
+    const hn::CappedTag<float, 8> d;
+    HWY_ALIGN float lows[8], highs[8];
+    for (size_t part = 0; part < 8; part += hn::Lanes(d)) {
+      const auto load = [&](size_t i) HWY_ATTR { return hn::LoadU(d, &rays[i].origin.x + part); };
+      auto low0 = load(0), low1 = load(1), low2 = load(2), low3 = load(3);
+      auto high0 = low0, high1 = low1, high2 = low2, high3 = low3;
+      for (size_t i = 4; i < kPacketRays; i += 4) {
+        const auto ray0 = load(i), ray1 = load(i + 1), ray2 = load(i + 2), ray3 = load(i + 3);
+        low0 = hn::Min(low0, ray0), low1 = hn::Min(low1, ray1), low2 = hn::Min(low2, ray2), low3 = hn::Min(low3, ray3);
+        high0 = hn::Max(high0, ray0), high1 = hn::Max(high1, ray1), high2 = hn::Max(high2, ray2),
+        high3 = hn::Max(high3, ray3);
+      }
+      hn::Store(hn::Min(hn::Min(low0, low1), hn::Min(low2, low3)), d, lows + part);
+      hn::Store(hn::Max(hn::Max(high0, high1), hn::Max(high2, high3)), d, highs + part);
     }
-    HWY_ALIGN float origin_low[4], origin_high[4], direction_low[4], direction_high[4];
-    hn::Store(low[0], d, origin_low), hn::Store(high[0], d, origin_high);
-    hn::Store(low[1], d, direction_low), hn::Store(high[1], d, direction_high);
+    float *const origin_low = lows, *const origin_high = highs, *const direction_low = lows + 4,
+                 *const direction_high = highs + 4;
 
     // 2. All must go to the same side along each axis, else a box's near faces are not the same for all; 0 counts as
     // upward. Scale by the least of the greatest components.
@@ -190,7 +197,7 @@ class PacketTraversal {
       do {
         if (size == 0) return true;
         --size;
-      } while (stack.keys[size] > limit_bits_);
+      } while (stack.keys[size] > limit_key_);
       current = stack.refs[size];
       parent = stack.parents[size];
     }
@@ -279,7 +286,7 @@ class PacketTraversal {
 
   void SetGreatestLimit(float limit) {
     greatest_limit_ = limit;
-    limit_bits_ = OrderedBits(std::bit_cast<int32_t>(limit));
+    limit_key_ = LimitKey(limit);
   }
 
   static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;
@@ -299,7 +306,7 @@ class PacketTraversal {
   uint32_t flip_[3];
   float near_origin_[3], far_origin_[3], inverse_low_[3], inverse_high_[3], pad_[3];
   float least_t_min_ = 0, greatest_limit_ = 0;
-  int32_t limit_bits_ = 0;
+  int32_t limit_key_ = 0;
   // Of each ray.
   HWY_ALIGN float inverse_[3][kPacketRays];
   HWY_ALIGN float near_offset_[3][kPacketRays];

@@ -14,6 +14,7 @@
 
 #include "hwy/highway.h"
 #include "server/geometry/ray.h"
+#include "server/tree/node_test-inl.h"
 #include "server/tree/ray_slot.h"
 #include "server/tree/wide_arrays.h"
 
@@ -32,7 +33,7 @@ constexpr float kFarthestOrigin = 0x1p11f;
 // Lowers the limit of a ray, or sets it.
 HWY_ATTR HWY_INLINE void SetLimit(RaySlot& slot, float limit) {
   slot.limit = limit;
-  slot.limit_bits = OrderedBits(std::bit_cast<int32_t>(limit));
+  slot.limit_key = LimitKey(limit);
 }
 
 // Makes RaySlots of rays. `kExact`: for leaf tests at kExact, which need more.
@@ -118,6 +119,7 @@ class RaySetup {
     const float length = std::abs(slot.direction[0]) + std::abs(slot.direction[1]) + std::abs(slot.direction[2]);
     slot.edge_slack = 40 * 0x1p-24f * length;
     slot.det_slack = 16 * 0x1p-24f * length;
+    slot.end_slack = 20 * 0x1p-24f * length;
     // Products with powers of two lose bits only below 2^-126.
     const auto rounded =
         hn::And(xyz, hn::Or(MayHaveRounded(given_direction, direction), MayHaveRounded(given_origin, origin)));

@@ -12,9 +12,6 @@
 
 namespace deltaray {
 
-// Order-preserving map from floats, NaN aside, to integers.
-constexpr int32_t OrderedBits(int32_t float_bits) { return float_bits ^ ((float_bits >> 31) & 0x7FFFFFFF); }
-
 // The limit of a ray whose answer is known.
 inline constexpr float kNothingMatters = -std::numeric_limits<float>::infinity();
 
@@ -35,9 +32,14 @@ struct alignas(64) RaySlot {
   float near_offset[3];
   float limit;  // hits beyond this do not matter
   float far_offset[3];
-  int32_t limit_bits;   // OrderedBits of it
+  int32_t limit_key;    // LimitKey of it
   uint32_t flip[3];     // bytes from an axis' lower faces to its near ones
   uint32_t stack_size;  // the bottom included
+
+  // Nodes and leaves that are still to be looked at, the nearest last, and below them what says that there are none.
+  // There is room for a register more than are ever on it, since whole ones are stored.
+  int32_t* keys;
+  uint32_t* refs;
 
   // What leaf tests read.
   float origin[3];
@@ -47,6 +49,7 @@ struct alignas(64) RaySlot {
   // At kExact: factors of error bounds, see ExactTest.
   float edge_slack;
   float det_slack;
+  float end_slack;
   double t_unscale;  // t in the frame times this is the ray's t
   uint32_t ray;      // index in the batch
   uint32_t exact;    // whether origin, direction and ends are the ray's own, but for powers of two

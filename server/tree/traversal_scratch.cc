@@ -10,14 +10,14 @@ TraversalScratch::TraversalScratch(size_t stack_entries, size_t stacks, size_t s
   thread_local WideBlock block;
   const size_t slot_bytes = slots * sizeof(RaySlot);
   const size_t column_bytes = stacks * stack_entries_ * sizeof(uint32_t);
-  const size_t bytes = slot_bytes + 3 * column_bytes + 5 * (slots + 1) * sizeof(uint32_t);
+  const size_t bytes = slot_bytes + 3 * column_bytes + 5 * (slots + 1) * sizeof(RaySlot*);
   if (block.size() < bytes) block = WideBlock(bytes);
   std::byte* next = block.data();
   slots_ = reinterpret_cast<RaySlot*>(next);
   keys_ = reinterpret_cast<int32_t*>(next += slot_bytes);
   refs_ = reinterpret_cast<uint32_t*>(next += column_bytes);
   parents_ = reinterpret_cast<uint32_t*>(next += column_bytes);
-  lists_ = reinterpret_cast<uint32_t*>(next + column_bytes);
+  lists_ = reinterpret_cast<RaySlot**>(next + column_bytes);
 }
 
 }  // namespace deltaray

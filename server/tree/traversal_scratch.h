@@ -25,7 +25,7 @@ class TraversalScratch {
   uint32_t* refs() { return refs_; }
   uint32_t* parents() { return parents_; }
   // Five lists of slots, each with room for one more than there are.
-  uint32_t* list(size_t i) { return lists_ + i * (slot_count_ + 1); }
+  RaySlot** list(size_t i) { return lists_ + i * (slot_count_ + 1); }
 
  private:
   size_t stack_entries_, slot_count_;
@@ -33,7 +33,7 @@ class TraversalScratch {
   int32_t* keys_;
   uint32_t* refs_;
   uint32_t* parents_;
-  uint32_t* lists_;
+  RaySlot** lists_;
 };
 
 }  // namespace deltaray

@@ -25,8 +25,11 @@ class ChildRef {
   // REQUIRES: 1 <= triangles <= kMaxLeafTriangles.
   static ChildRef Leaf(uint32_t offset, uint32_t triangles) { return ChildRef(offset << kKindBits | triangles); }
 
-  bool IsLeaf() const { return triangles() != 0 && bits_ != kNone; }
-  uint32_t triangles() const { return bits_ & ((1u << kKindBits) - 1); }  // of a leaf; 0: a node
+  enum Kind : uint8_t { kNode, kLeaf, kNothing };
+  // By a table: what it is can seldom be foretold.
+  Kind kind() const { return kKinds[bits_ & kKindMask]; }
+  bool IsLeaf() const { return kind() == kLeaf; }
+  uint32_t triangles() const { return bits_ & kKindMask; }  // of a leaf; 0: a node
   uint32_t offset() const { return bits_ >> kKindBits; }
   uint32_t bits() const { return bits_; }
 
@@ -36,6 +39,11 @@ class ChildRef {
   static constexpr uint32_t kMaxOffset = (uint32_t{1} << (32 - kKindBits)) - 1;
 
  private:
+  static constexpr uint32_t kKindMask = (1u << kKindBits) - 1;
+  static constexpr Kind kKinds[kKindMask + 1] = {kNode,    kLeaf,    kLeaf,    kLeaf,    kLeaf,    kLeaf,
+                                                 kLeaf,    kLeaf,    kLeaf,    kNothing, kNothing, kNothing,
+                                                 kNothing, kNothing, kNothing, kNothing};
+
   uint32_t bits_ = 0;
 };
 
