@@ -29,9 +29,6 @@ constexpr size_t kPrefetchBytes = size_t{2} << 20;
 // Rays in flight: enough to hide the time that memory takes.
 constexpr size_t kInFlight = 24;
 
-// Parts in which a leaf is tested.
-constexpr size_t kLeafParts = kMaxLeafTriangles / kLeafLanes;
-
 // Leads the rays of a batch through the tree. All rays in flight take a step in a node, then all that have come to a
 // leaf test it, and so on: while the memory that one ray waits for is on its way, the others work. `Query` says what is
 // made of the leaves (queries-inl.h).

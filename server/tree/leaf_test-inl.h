@@ -26,6 +26,7 @@ using DLeaf = hn::CappedTag<float, kMaxLeafTriangles>;
 using VLeaf = hn::Vec<DLeaf>;
 using MLeaf = hn::Mask<DLeaf>;
 constexpr uint32_t kLeafLanes = hn::MaxLanes(DLeaf());
+constexpr size_t kLeafParts = kMaxLeafTriangles / kLeafLanes;
 
 // A leaf in memory.
 struct LeafView {

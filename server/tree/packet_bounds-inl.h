@@ -1,0 +1,161 @@
+// What the rays of a packet have in common: the interval that they are led through nodes as.
+
+#if defined(SERVER_TREE_PACKET_BOUNDS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_PACKET_BOUNDS_INL_H_
+#undef SERVER_TREE_PACKET_BOUNDS_INL_H_
+#else
+#define SERVER_TREE_PACKET_BOUNDS_INL_H_
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <span>
+
+#include "hwy/highway.h"
+#include "server/tree/node_test-inl.h"
+#include "server/tree/ray_setup-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+// Rays of a packet.
+constexpr size_t kPacketRays = 16;
+
+// An interval of rays [Boulos 2006]: it enters every box that one of them does.
+template <typename Setup>
+class PacketBounds {
+ public:
+  // Sums up the rays. False: they do not go the same way. `wide`: they may be however wide apart.
+  // REQUIRES: as many rays as a packet has.
+  HWY_ATTR bool Find(std::span<const Ray> rays, const Setup& setup, bool wide) {
+    if (!wide && StartApart(rays.front(), rays.back(), setup)) return false;
+    // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max. Four
+    // rays at a time, so that they need not wait for each other.
+    const hn::CappedTag<float, 8> d;
+    HWY_ALIGN float lows[8], highs[8];
+    for (size_t part = 0; part < 8; part += hn::Lanes(d)) {
+      const auto load = [&](size_t i) HWY_ATTR { return hn::LoadU(d, &rays[i].origin.x + part); };
+      auto low0 = load(0), low1 = load(1), low2 = load(2), low3 = load(3);
+      auto high0 = low0, high1 = low1, high2 = low2, high3 = low3;
+      for (size_t i = 4; i < kPacketRays; i += 4) {
+        const auto ray0 = load(i), ray1 = load(i + 1), ray2 = load(i + 2), ray3 = load(i + 3);
+        low0 = hn::Min(low0, ray0), low1 = hn::Min(low1, ray1), low2 = hn::Min(low2, ray2), low3 = hn::Min(low3, ray3);
+        high0 = hn::Max(high0, ray0), high1 = hn::Max(high1, ray1), high2 = hn::Max(high2, ray2),
+        high3 = hn::Max(high3, ray3);
+      }
+      hn::Store(hn::Min(hn::Min(low0, low1), hn::Min(low2, low3)), d, lows + part);
+      hn::Store(hn::Max(hn::Max(high0, high1), hn::Max(high2, high3)), d, highs + part);
+    }
+    float *const origin_low = lows, *const origin_high = highs, *const direction_low = lows + 4,
+                 *const direction_high = highs + 4;
+
+    // 2. All must go to the same side along each axis, else a box's near faces are not the same for all; 0 counts as
+    // upward. Scale by the least of the greatest components.
+    int main = 0;
+    float main_least = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (direction_low[axis] < 0 && direction_high[axis] >= 0) return false;
+      const float least = direction_low[axis] < 0 ? -direction_high[axis] : direction_low[axis];
+      if (least > main_least) main = axis, main_least = least;
+    }
+    const float main_greatest = std::max(-direction_low[main], direction_high[main]);
+    if (!(main_least >= Setup::kLeastDirection && main_greatest < Setup::kGreatestDirection)) return false;
+    exponent_ = Setup::ExponentOf(main_least);
+    const float direction_scale = Setup::DirectionScale(exponent_);
+    // In double: the scale of a mesh of subnormal coordinates is beyond float.
+    const double scale = setup.scale();
+
+    float widest = 0, apart = 0, reach = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      origin_low[axis] = static_cast<float>(origin_low[axis] * scale);
+      origin_high[axis] = static_cast<float>(origin_high[axis] * scale);
+      direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
+      // Components that count as 0 count as upward too.
+      if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;
+      reach = std::max({reach, std::abs(origin_low[axis]), std::abs(origin_high[axis])});
+      widest = std::max(widest, direction_high[axis] - direction_low[axis]);
+      apart = std::max(apart, origin_high[axis] - origin_low[axis]);
+    }
+    // The mesh is 1 to 2 wide, and what a packet meets in it must not be much narrower than the packet: neither far
+    // away nor near the origins, where rays that start from a surface would meet most of what is around them. What is
+    // so wide that the frame does not suit it is refused in any case, and NaN.
+    if (!(reach <= kFarthestOrigin && widest <= kFarthestOrigin)) return false;
+    if (!wide && !(widest < kWidestPacket && apart < kWidestStart)) return false;
+
+    // 3. Bounds for the test of a node.
+    reach += 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const bool negative = direction_low[axis] < 0;
+      flip_[axis] = negative ? kUnitBytes : 0;
+      near_origin_[axis] = negative ? origin_low[axis] : origin_high[axis];
+      far_origin_[axis] = negative ? origin_high[axis] : origin_low[axis];
+      inverse_low_[axis] = Inverse(direction_high[axis]), inverse_high_[axis] = Inverse(direction_low[axis]);
+      const float greatest = std::max(std::abs(inverse_low_[axis]), std::abs(inverse_high_[axis]));
+      // As a ray's own: more than the roundings of the test, and than a component that counts as 0 leads astray.
+      pad_[axis] = reach * 0x1p-20f * greatest + (greatest >= 1 / kLeastComponent ? 4 * reach : 0);
+    }
+    const double t_scale = setup.TScale(exponent_);
+    least_t_min_ = std::max(static_cast<float>(origin_low[3] * t_scale), -2 * reach);
+    SetLimit(std::min(static_cast<float>(direction_high[3] * t_scale), 2 * reach));
+    return true;
+  }
+
+  // The boxes of a node that some ray may enter within its range, and no ray earlier than when.
+  HWY_ATTR HWY_INLINE NodeHits Test(const std::byte* node) const {
+    const DNode d;
+    const auto face = [&](int axis, uint32_t upper) HWY_ATTR {
+      return hn::Load(d, reinterpret_cast<const float*>(node + 2 * axis * kUnitBytes + upper));
+    };
+    hn::Vec<DNode> near = hn::Set(d, least_t_min_), far = hn::Set(d, greatest_limit_);
+    for (int axis = 0; axis < 3; ++axis) {
+      const hn::Vec<DNode> low = hn::Set(d, inverse_low_[axis]), high = hn::Set(d, inverse_high_[axis]);
+      const hn::Vec<DNode> to_near = hn::Sub(face(axis, flip_[axis]), hn::Set(d, near_origin_[axis]));
+      const hn::Vec<DNode> to_far = hn::Sub(face(axis, kUnitBytes - flip_[axis]), hn::Set(d, far_origin_[axis]));
+      const hn::Vec<DNode> pad = hn::Set(d, pad_[axis]);
+      near = hn::Max(near, hn::Sub(hn::Min(hn::Mul(to_near, low), hn::Mul(to_near, high)), pad));
+      far = hn::Min(far, hn::Add(hn::Max(hn::Mul(to_far, low), hn::Mul(to_far, high)), pad));
+    }
+    return {hn::Le(near, far), near};
+  }
+
+  // Bytes from an axis' lower faces to those that are near for all rays.
+  uint32_t flip(int axis) const { return flip_[axis]; }
+  // The exponent of their directions; see RaySetup.
+  int exponent() const { return exponent_; }
+  // No hit of any ray beyond it matters.
+  void SetLimit(float limit) {
+    greatest_limit_ = limit;
+    limit_key_ = LimitKey(limit);
+  }
+  int32_t limit_key() const { return limit_key_; }
+
+ private:
+  // For most packets that start too far apart, the first ray and the last one tell.
+  HWY_ATTR static bool StartApart(const Ray& a, const Ray& b, const Setup& setup) {
+    const hn::FixedTag<float, 4> d;
+    const auto apart = hn::Abs(hn::Sub(hn::LoadU(d, &a.origin.x), hn::LoadU(d, &b.origin.x)));
+    const auto most = hn::Set(d, static_cast<float>(kWidestStart / setup.scale()));
+    return !hn::AllFalse(d, hn::And(hn::FirstN(d, 3), hn::Ge(apart, most)));
+  }
+
+  // As RaySetup has it.
+  static float Inverse(float component) {
+    return std::abs(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
+  }
+
+  static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;
+
+  int exponent_ = 0;
+  uint32_t flip_[3];
+  float near_origin_[3], far_origin_[3], inverse_low_[3], inverse_high_[3], pad_[3];
+  float least_t_min_ = 0, greatest_limit_ = 0;
+  int32_t limit_key_ = 0;
+};
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_PACKET_BOUNDS_INL_H_
