@@ -286,7 +286,8 @@ absl::StatusOr<Upload::CommitOptions> ReadUploadHeader(const v1::UploadHeader& h
   if (header.has_size_bytes()) {
     if (header.size_bytes() > max_upload_bytes) {
       return absl::ResourceExhaustedError(absl::StrCat("header.size_bytes: ", header.size_bytes(),
-                                                       " is over the limit of ", max_upload_bytes, " bytes an upload"));
+                                                       " is over the limit of ", max_upload_bytes,
+                                                       " bytes an upload (--max-upload-bytes)"));
     }
     options.size = header.size_bytes();
   }

@@ -80,8 +80,8 @@ absl::StatusOr<RayBatchView> RayBatchView::Make(const RayBatchBytes& batch, cons
   }
   view.size_ = batch.rays.size / ray_bytes;
   if (view.size_ > max_rays) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("rays.rays: ", view.size_, " rays are over the limit of ", max_rays, " rays a batch"));
+    return absl::ResourceExhaustedError(absl::StrCat("rays.rays: ", view.size_, " rays are over the limit of ",
+                                                     max_rays, " rays a batch (--max-batch-rays)"));
   }
   const size_t excluded = batch.excluded_primitive_ids.size;
   if (excluded != 0 && excluded != view.size_ * sizeof(uint32_t)) {

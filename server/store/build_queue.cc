@@ -35,7 +35,7 @@ absl::Status BuildQueue::CheckRoom() {
 absl::Status BuildQueue::HasRoom() const {
   if (jobs_.size() < max_queued_) return absl::OkStatus();
   return absl::ResourceExhaustedError(
-      absl::StrCat("the limit of ", max_queued_, " builds that wait is met (max_queued_builds); retry"));
+      absl::StrCat("the limit of ", max_queued_, " builds that wait is met (--max-queued-builds); retry"));
 }
 
 void BuildQueue::Remove(uint64_t number) {

@@ -31,7 +31,7 @@ class DiskBudget {
       bytes_ += bytes;
       if (on_their_way + budget_->stored_() <= budget_->limit_) return absl::OkStatus();
       return absl::ResourceExhaustedError(absl::StrCat("all meshes together would take more than ", budget_->limit_,
-                                                       " bytes on disk (max_stored_bytes)"));
+                                                       " bytes on disk (--max-stored-bytes)"));
     }
 
    private:

@@ -174,7 +174,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
 absl::Status Store::CheckLimits(const NewMesh& upload, bool is_new) const {
   if (is_new && directory_.catalog().totals().meshes >= options_.max_meshes) {
     return absl::ResourceExhaustedError(
-        absl::StrCat("the limit of ", options_.max_meshes, " meshes is met (max_meshes)"));
+        absl::StrCat("the limit of ", options_.max_meshes, " meshes is met (--max-meshes)"));
   }
   if (upload.name.empty()) return absl::OkStatus();
   directory_.ReadName(upload.name).IgnoreError();
@@ -186,10 +186,11 @@ absl::Status Store::CheckNameLimits(const std::string& name, const std::string& 
   if (names.count(name) != 0) return absl::OkStatus();
   if (names.size() >= options_.max_names_per_mesh) {
     return absl::ResourceExhaustedError(
-        absl::StrCat("the limit of ", options_.max_names_per_mesh, " names of one mesh is met (max_names_per_mesh)"));
+        absl::StrCat("the limit of ", options_.max_names_per_mesh, " names of one mesh is met (--max-names-per-mesh)"));
   }
   if (directory_.catalog().totals().names >= options_.max_names && !directory_.catalog().HasName(name)) {
-    return absl::ResourceExhaustedError(absl::StrCat("the limit of ", options_.max_names, " names is met (max_names)"));
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the limit of ", options_.max_names, " names is met (--max-names)"));
   }
   return absl::OkStatus();
 }

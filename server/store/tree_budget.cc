@@ -23,12 +23,12 @@ absl::Status TreeBudget::Reservation::GrowTo(uint64_t bytes) {
   while (!budget_->TryTake(bytes - bytes_)) {
     if (bytes > budget_->limit()) {
       return absl::ResourceExhaustedError(
-          absl::StrCat("the mesh takes more memory than the limit of ", budget_->limit(), " bytes (tree_bytes)"));
+          absl::StrCat("the mesh takes more memory than the limit of ", budget_->limit(), " bytes (--tree-bytes)"));
     }
     if (budget_->evict_()) continue;
     if (std::chrono::steady_clock::now() >= deadline) {
       return absl::ResourceExhaustedError(absl::StrCat("no memory is free of the limit of ", budget_->limit(),
-                                                       " bytes (tree_bytes): trees are being built or used; retry"));
+                                                       " bytes (--tree-bytes): trees are being built or used; retry"));
     }
     budget_->AwaitChange();
   }
@@ -59,7 +59,7 @@ absl::StatusOr<std::shared_ptr<TreeBudget::Reservation>> TreeBudget::Reserve(uin
   if (bytes > limit_) {
     return absl::ResourceExhaustedError(absl::StrCat(what, " takes up to ", bytes,
                                                      " bytes while its tree is built, more than the limit of ", limit_,
-                                                     " bytes (tree_bytes)"));
+                                                     " bytes (--tree-bytes)"));
   }
   MutexLock turn(turn_mutex_);
   while (!TryTake(bytes)) {

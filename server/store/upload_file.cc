@@ -19,7 +19,7 @@ absl::Status UploadFile::Append(absl::string_view bytes) {
   if (!status_.ok()) return status_;
   if (bytes.size() > max_bytes_ - size_) {
     status_ = absl::ResourceExhaustedError(
-        absl::StrCat("the upload is over the limit of ", max_bytes_, " bytes (max_upload_bytes)"));
+        absl::StrCat("the upload is over the limit of ", max_bytes_, " bytes (--max-upload-bytes)"));
     return status_;
   }
   status_ = charge_.Add(bytes.size());

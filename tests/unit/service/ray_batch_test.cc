@@ -142,8 +142,9 @@ TEST(RayBatchTest, MoreRaysThanTheLimitAreRefused) {
   batch.set_rays(std::string(24 * 1000, 0));
   EXPECT_TRUE(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).ok());
   batch.set_rays(std::string(24 * 1001, 0));
-  EXPECT_EQ(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).status(),
-            absl::ResourceExhaustedError("rays.rays: 1001 rays are over the limit of 1000 rays a batch"));
+  EXPECT_EQ(
+      RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).status(),
+      absl::ResourceExhaustedError("rays.rays: 1001 rays are over the limit of 1000 rays a batch (--max-batch-rays)"));
 }
 
 TEST(RayBatchTest, AnEmptyBatchIsValid) {

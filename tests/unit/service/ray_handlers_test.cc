@@ -172,7 +172,7 @@ TEST_F(RayHandlersTest, CastErrorsNameFieldAndRay) {
   request.mutable_rays()->set_rays(Downwards(1001));
   const grpc::Status status = Cast(request, &response);
   EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
-  EXPECT_EQ(status.error_message(), "rays.rays: 1001 rays are over the limit of 1000 rays a batch");
+  EXPECT_EQ(status.error_message(), "rays.rays: 1001 rays are over the limit of 1000 rays a batch (--max-batch-rays)");
 }
 
 TEST_F(RayHandlersTest, AnswersThousandsOfBatchesInOrder) {

@@ -30,14 +30,14 @@ TEST(BudgetsTest, MeshesAndNamesAreLimited) {
   ASSERT_TRUE(Put(*store, StripObj(1), "a").ok());
   ASSERT_TRUE(Put(*store, StripObj(2), "b").ok());
   const std::set<std::string> files = FilesIn(directory.path());
-  ExpectOver(Put(*store, StripObj(3), "a").status(), "limit of 2 meshes is met (max_meshes)");
+  ExpectOver(Put(*store, StripObj(3), "a").status(), "limit of 2 meshes is met (--max-meshes)");
   EXPECT_EQ(FilesIn(directory.path()), files);
   EXPECT_TRUE(Put(*store, StripObj(1), "a").ok());
 
   ASSERT_TRUE(store->Name("c", "a").ok());
-  ExpectOver(store->Name("d", "a").status(), "limit of 2 names of one mesh is met (max_names_per_mesh)");
-  ExpectOver(Put(*store, StripObj(1), "d").status(), "max_names_per_mesh");
-  ExpectOver(store->Name("d", "b").status(), "limit of 3 names is met (max_names)");
+  ExpectOver(store->Name("d", "a").status(), "limit of 2 names of one mesh is met (--max-names-per-mesh)");
+  ExpectOver(Put(*store, StripObj(1), "d").status(), "--max-names-per-mesh");
+  ExpectOver(store->Name("d", "b").status(), "limit of 3 names is met (--max-names)");
   EXPECT_TRUE(store->Name("c", "b").ok());  // moves
   EXPECT_TRUE(store->Name("c", "b").ok());
   EXPECT_TRUE(store->Name("c", "").ok());
@@ -54,7 +54,7 @@ TEST(BudgetsTest, BytesOnDiskAreLimited) {
   const auto first = Put(*store, StripObj(1, 100));
   ASSERT_TRUE(first.ok()) << first.status();
   ASSERT_GT(first->info.stored_bytes, 4'000u);
-  ExpectOver(Put(*store, StripObj(2, 400)).status(), "20000 bytes on disk (max_stored_bytes)");
+  ExpectOver(Put(*store, StripObj(2, 400)).status(), "20000 bytes on disk (--max-stored-bytes)");
   EXPECT_EQ(FilesIn(directory.path()).size(), 1u);
   EXPECT_TRUE(Put(*store, StripObj(3, 50)).ok());
   // What is there already takes no more.
@@ -120,7 +120,7 @@ TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
   const auto put = Put(*store_, StripObj(2, 2 * kSquares));
   ASSERT_TRUE(put.ok()) << put.status();
   const auto answer = AwaitTree(*store_, put->info.id);
-  ExpectOver(answer.status(), "more than the limit of 5000000 bytes (tree_bytes)");
+  ExpectOver(answer.status(), "more than the limit of 5000000 bytes (--tree-bytes)");
   EXPECT_THAT(answer.status().ToString(), HasSubstr("of 12000 triangles"));
   EXPECT_EQ(State(put->info.id), MeshState::kFailed);
   EXPECT_EQ(State(small), MeshState::kReady);
@@ -146,7 +146,7 @@ TEST_F(TreeBytesTest, ARebuildTakesTheRoomOfTheOldTreeWhereThereIsNoOther) {
 
 TEST_F(TreeBytesTest, AnUploadThatTakesTooMuchMemoryIsRefused) {
   const std::string small = Upload(1);
-  ExpectOver(Put(*store_, StripObj(2, 40 * kSquares)).status(), "5000000 bytes (tree_bytes)");
+  ExpectOver(Put(*store_, StripObj(2, 40 * kSquares)).status(), "5000000 bytes (--tree-bytes)");
   EXPECT_EQ(store_->List("", 10).size(), 1u);
   EXPECT_TRUE(AwaitTree(*store_, small).ok());
 }
@@ -176,7 +176,7 @@ TEST(BudgetsTest, BuildsThatWaitAreLimited) {
   const auto third = Put(*store, StripObj(3, 64));
   ASSERT_TRUE(third.ok()) << third.status();
   EXPECT_EQ(store->Get(third->info.id)->state, MeshState::kStored);
-  ExpectOver(AwaitTree(*store, third->info.id).status(), "limit of 1 builds that wait is met (max_queued_builds)");
+  ExpectOver(AwaitTree(*store, third->info.id).status(), "limit of 1 builds that wait is met (--max-queued-builds)");
   ExpectOver(store->Watch(third->info.id).status(), "max_queued_builds");
   ExpectOver(store->Rebuild(building, {}).status(), "max_queued_builds");
   // A mesh that is deleted leaves the queue.

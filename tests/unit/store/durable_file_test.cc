@@ -189,7 +189,7 @@ TEST(DurableFileTest, UploadsTogetherStayWithinTheBytesOnDisk) {
     EXPECT_TRUE(two->Append("abc").ok());
     const absl::Status status = two->Append("d");
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-    EXPECT_THAT(status.ToString(), HasSubstr("10 bytes on disk (max_stored_bytes)"));
+    EXPECT_THAT(status.ToString(), HasSubstr("10 bytes on disk (--max-stored-bytes)"));
   }
   EXPECT_TRUE(one->Append("def").ok());
 }

@@ -40,8 +40,8 @@ TEST(TreeBudgetTest, WhatCanNeverFitIsRefusedAtOnce) {
   const absl::Status status = budget->Reserve(101, "the mesh", kNever).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(status.ToString(), HasSubstr("the mesh takes up to 101 bytes"));
-  EXPECT_THAT(status.ToString(), HasSubstr("100 bytes (tree_bytes)"));
-  EXPECT_THAT(budget->Empty()->GrowTo(101).ToString(), HasSubstr("100 bytes (tree_bytes)"));
+  EXPECT_THAT(status.ToString(), HasSubstr("100 bytes (--tree-bytes)"));
+  EXPECT_THAT(budget->Empty()->GrowTo(101).ToString(), HasSubstr("100 bytes (--tree-bytes)"));
 }
 
 TEST(TreeBudgetTest, OthersMakeRoom) {
