@@ -1,6 +1,7 @@
 // The entry point of libFuzzer for the RPCs: whatever a client sends and however it ends, each call gets a code that
 // is documented, and the server goes on to answer.
 
+#include <openssl/crypto.h>
 #include <stdlib.h>
 
 #include <chrono>
@@ -57,6 +58,8 @@ class FuzzedServer {
     if (!server.ok()) FailFuzz(server.status().ToString());
     server_ = *std::move(server);
     channel_ = grpc::CreateChannel(options.listen, grpc::InsecureChannelCredentials());
+    // Not in a thread of the server, with which what this allocates would be lost.
+    OPENSSL_init_crypto(OPENSSL_INIT_LOAD_CONFIG, nullptr);
     atexit([] { Get().End(); });
   }
 
