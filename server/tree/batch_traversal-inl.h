@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "hwy/highway.h"
-#include "server/tree/leaf_test-inl.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
 #include "server/tree/ray_kernels.h"
 #include "server/tree/ray_setup-inl.h"
@@ -92,7 +92,7 @@ class BatchTraversal {
         const LeafView leaf = ViewOf(ray);
         for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
           LeafHit& hit = hits_[hit_count];
-          hit.start = Test::Start(ray, leaf, first);
+          hit.start = Test::Start(OneRay{ray}, LeafLanes{leaf, first});
           hit.ray = leaves[i];
           hit.first = first;
           hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
@@ -127,7 +127,7 @@ class BatchTraversal {
  private:
   // A leaf, or a part of one, that has hits.
   struct LeafHit {
-    typename Test::First start;
+    typename Query::First start;
     RaySlot* ray;
     uint32_t first;
   };

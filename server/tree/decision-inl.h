@@ -14,7 +14,7 @@
 
 #include "hwy/highway.h"
 #include "server/geometry/ray.h"
-#include "server/tree/leaf_test-inl.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/suspects.h"
 
 HWY_BEFORE_NAMESPACE();

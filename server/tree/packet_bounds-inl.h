@@ -26,6 +26,9 @@ constexpr size_t kPacketRays = 16;
 // An interval of rays [Boulos 2006]: it enters every box that one of them does.
 template <typename Setup>
 class PacketBounds {
+  using D4 = hn::FixedTag<float, 4>;
+  using V4 = hn::Vec<D4>;
+
  public:
   // Sums up the rays. False: they do not go the same way. `wide`: they may be however wide apart.
   // REQUIRES: as many rays as a packet has.
@@ -48,57 +51,52 @@ class PacketBounds {
       hn::Store(hn::Min(hn::Min(low0, low1), hn::Min(low2, low3)), d, lows + part);
       hn::Store(hn::Max(hn::Max(high0, high1), hn::Max(high2, high3)), d, highs + part);
     }
-    float *const origin_low = lows, *const origin_high = highs, *const direction_low = lows + 4,
-                 *const direction_high = highs + 4;
+    const D4 d4;
+    V4 origin_low = hn::Load(d4, lows), direction_low = hn::Load(d4, lows + 4);
+    V4 origin_high = hn::Load(d4, highs), direction_high = hn::Load(d4, highs + 4);
+    const auto xyz = hn::FirstN(d4, 3);
+    const auto any = [&](hn::Mask<D4> mask) HWY_ATTR { return !hn::AllFalse(d4, hn::And(mask, xyz)); };
 
     // 2. All must go to the same side along each axis, else a box's near faces are not the same for all; 0 counts as
     // upward. Scale by the least of the greatest components.
-    int main = 0;
-    float main_least = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (direction_low[axis] < 0 && direction_high[axis] >= 0) return false;
-      const float least = direction_low[axis] < 0 ? -direction_high[axis] : direction_low[axis];
-      if (least > main_least) main = axis, main_least = least;
-    }
-    const float main_greatest = std::max(-direction_low[main], direction_high[main]);
-    if (!(main_least >= Setup::kLeastDirection && main_greatest < Setup::kGreatestDirection)) return false;
+    const V4 zero = hn::Zero(d4);
+    const auto negative = hn::Lt(direction_low, zero);
+    if (any(hn::And(negative, hn::Ge(direction_high, zero)))) return false;
+    const float main_least = Setup::Greatest(hn::IfThenElse(negative, direction_high, direction_low));
+    const float greatest_of_all = Setup::Greatest(hn::Max(hn::Neg(direction_low), direction_high));
+    if (!(main_least >= Setup::kLeastDirection && greatest_of_all < Setup::kGreatestDirection)) return false;
     exponent_ = Setup::ExponentOf(main_least);
-    const float direction_scale = Setup::DirectionScale(exponent_);
-    // In double: the scale of a mesh of subnormal coordinates is beyond float.
-    const double scale = setup.scale();
-
-    float widest = 0, apart = 0, reach = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      origin_low[axis] = static_cast<float>(origin_low[axis] * scale);
-      origin_high[axis] = static_cast<float>(origin_high[axis] * scale);
-      direction_low[axis] *= direction_scale, direction_high[axis] *= direction_scale;
-      // Components that count as 0 count as upward too.
-      if (direction_low[axis] < 0 && direction_high[axis] > -kLeastComponent) return false;
-      reach = std::max({reach, std::abs(origin_low[axis]), std::abs(origin_high[axis])});
-      widest = std::max(widest, direction_high[axis] - direction_low[axis]);
-      apart = std::max(apart, origin_high[axis] - origin_low[axis]);
-    }
+    const V4 direction_scale = hn::Set(d4, Setup::DirectionScale(exponent_));
+    origin_low = setup.TimesScale(origin_low), origin_high = setup.TimesScale(origin_high);
+    direction_low = hn::Mul(direction_low, direction_scale), direction_high = hn::Mul(direction_high, direction_scale);
+    // Components that count as 0 count as upward too.
+    if (any(hn::And(negative, hn::Gt(direction_high, hn::Set(d4, -kLeastComponent))))) return false;
     // The mesh is 1 to 2 wide, and what a packet meets in it must not be much narrower than the packet: neither far
     // away nor near the origins, where rays that start from a surface would meet most of what is around them. What is
     // so wide that the frame does not suit it is refused in any case, and NaN.
-    if (!(reach <= kFarthestOrigin && widest <= kFarthestOrigin)) return false;
-    if (!wide && !(widest < kWidestPacket && apart < kWidestStart)) return false;
+    const float farthest = std::max(Setup::Greatest(origin_low), Setup::Greatest(origin_high));
+    const V4 wideness = hn::Sub(direction_high, direction_low), apart = hn::Sub(origin_high, origin_low);
+    const auto narrower = [&](V4 x, float limit) HWY_ATTR { return !any(hn::Not(hn::Lt(x, hn::Set(d4, limit)))); };
+    if (!(farthest <= kFarthestOrigin && narrower(wideness, kFarthestOrigin))) return false;
+    if (!wide && !(narrower(wideness, kWidestPacket) && narrower(apart, kWidestStart))) return false;
 
     // 3. Bounds for the test of a node.
-    reach += 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      const bool negative = direction_low[axis] < 0;
-      flip_[axis] = negative ? kUnitBytes : 0;
-      near_origin_[axis] = negative ? origin_low[axis] : origin_high[axis];
-      far_origin_[axis] = negative ? origin_high[axis] : origin_low[axis];
-      inverse_low_[axis] = Inverse(direction_high[axis]), inverse_high_[axis] = Inverse(direction_low[axis]);
-      const float greatest = std::max(std::abs(inverse_low_[axis]), std::abs(inverse_high_[axis]));
-      // As a ray's own: more than the roundings of the test, and than a component that counts as 0 leads astray.
-      pad_[axis] = reach * 0x1p-20f * greatest + (greatest >= 1 / kLeastComponent ? 4 * reach : 0);
-    }
+    const float reach = farthest + 1;
+    const hn::RebindToUnsigned<D4> du4;
+    hn::Store(hn::IfThenElseZero(hn::RebindMask(du4, negative), hn::Set(du4, kUnitBytes)), du4, flip_);
+    hn::Store(hn::IfThenElse(negative, origin_low, origin_high), d4, near_origin_);
+    hn::Store(hn::IfThenElse(negative, origin_high, origin_low), d4, far_origin_);
+    const V4 inverse_low = Setup::Inverse(direction_high), inverse_high = Setup::Inverse(direction_low);
+    hn::Store(inverse_low, d4, inverse_low_);
+    hn::Store(inverse_high, d4, inverse_high_);
+    const V4 greatest = hn::Max(hn::Abs(inverse_low), hn::Abs(inverse_high));
+    const auto tiny = hn::Ge(greatest, hn::Set(d4, 1 / kLeastComponent));
+    // As a ray's own: more than the roundings of the test, and than a component that counts as 0 leads astray.
+    hn::Store(hn::MulAdd(hn::Set(d4, reach * 0x1p-20f), greatest, hn::IfThenElseZero(tiny, hn::Set(d4, 4 * reach))), d4,
+              pad_);
     const double t_scale = setup.TScale(exponent_);
-    least_t_min_ = std::max(static_cast<float>(origin_low[3] * t_scale), -2 * reach);
-    SetLimit(std::min(static_cast<float>(direction_high[3] * t_scale), 2 * reach));
+    least_t_min_ = std::max(static_cast<float>(lows[3] * t_scale), -2 * reach);
+    SetLimit(std::min(static_cast<float>(highs[7] * t_scale), 2 * reach));
     return true;
   }
 
@@ -134,22 +132,17 @@ class PacketBounds {
  private:
   // For most packets that start too far apart, the first ray and the last one tell.
   HWY_ATTR static bool StartApart(const Ray& a, const Ray& b, const Setup& setup) {
-    const hn::FixedTag<float, 4> d;
-    const auto apart = hn::Abs(hn::Sub(hn::LoadU(d, &a.origin.x), hn::LoadU(d, &b.origin.x)));
-    const auto most = hn::Set(d, static_cast<float>(kWidestStart / setup.scale()));
+    const D4 d;
+    const V4 apart = hn::Abs(hn::Sub(hn::LoadU(d, &a.origin.x), hn::LoadU(d, &b.origin.x)));
+    const V4 most = hn::Set(d, static_cast<float>(kWidestStart / setup.scale()));
     return !hn::AllFalse(d, hn::And(hn::FirstN(d, 3), hn::Ge(apart, most)));
-  }
-
-  // As RaySetup has it.
-  static float Inverse(float component) {
-    return std::abs(component) < kLeastComponent ? 1 / kLeastComponent : 1 / component;
   }
 
   static constexpr float kWidestPacket = 0.25f, kWidestStart = 0x1p-9f;
 
   int exponent_ = 0;
-  uint32_t flip_[3];
-  float near_origin_[3], far_origin_[3], inverse_low_[3], inverse_high_[3], pad_[3];
+  HWY_ALIGN uint32_t flip_[4];
+  HWY_ALIGN float near_origin_[4], far_origin_[4], inverse_low_[4], inverse_high_[4], pad_[4];
   float least_t_min_ = 0, greatest_limit_ = 0;
   int32_t limit_key_ = 0;
 };

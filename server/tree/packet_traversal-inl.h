@@ -14,9 +14,10 @@
 #include <span>
 
 #include "hwy/highway.h"
-#include "server/tree/leaf_test-inl.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
 #include "server/tree/packet_bounds-inl.h"
+#include "server/tree/queries-inl.h"
 #include "server/tree/ray_kernels.h"
 #include "server/tree/ray_setup-inl.h"
 #include "server/tree/traversal_scratch.h"
@@ -50,9 +51,9 @@ class PacketTraversal {
   // packets however wide, and does not give up. REQUIRES: as many rays as a packet has.
   HWY_ATTR Outcome Trace(std::span<const Ray> rays, uint32_t first, bool always) {
     if (!bounds_.Find(rays, setup_, always)) return Outcome::kRefused;
-    rays_ = rays;
+    given_ = rays;
     first_ = first;
-    rays_are_set_up_ = false;
+    rays_are_set_up_ = columns_are_full_ = false;
     if (!Traverse(always)) return Outcome::kGaveUp;
     if (rays_are_set_up_) {
       for (size_t i = 0; i < kPacketRays; ++i) EndRay(query_, slots()[i]);
@@ -72,16 +73,23 @@ class PacketTraversal {
       RaySlot& slot = slots()[i];
       slot.ray = first_ + static_cast<uint32_t>(i);
       // None is odd, by PacketBounds.
-      const bool traced = setup_.Make(rays_[i], bounds_.exponent(), slot) == Setup::Kind::kTraced;
+      const bool traced = setup_.Make(given_[i], bounds_.exponent(), slot) == Setup::Kind::kTraced;
       Query::SetUp(slot);
       for (int axis = 0; axis < 3; ++axis) {
         inverse_[axis][i] = slot.inverse[axis];
         near_offset_[axis][i] = slot.near_offset[axis];
         far_offset_[axis][i] = slot.far_offset[axis];
       }
-      t_min_[i] = slot.t_min;
-      limit_[i] = traced ? slot.limit : kNothingMatters;
+      rays_.t_min[i] = slot.t_min;
+      rays_.limit[i] = traced ? slot.limit : kNothingMatters;
     }
+  }
+
+  // Fills the rest of the columns: not before rays test a leaf together.
+  HWY_ATTR void FillColumns() {
+    columns_are_full_ = true;
+    rays_.Clear(slots()[0]);
+    for (size_t i = 0; i < kPacketRays; ++i) Query::Test::Put(slots()[i], i, rays_);
   }
 
   // False: gave up.
@@ -144,41 +152,70 @@ class PacketTraversal {
     // Rays with hits are set aside, so that no branch is taken per ray.
     uint32_t tests = 0;
     size_t hit_count = 0;
+    bool closer = false;
     for (size_t first = 0; first < kPacketRays; first += kWidth) {
       const auto cross = [&](VNode plane, int axis, const float* offset) HWY_ATTR {
         return hn::MulAdd(plane, hn::Load(d, inverse_[axis] + first), hn::Load(d, offset + first));
       };
       const VNode near = hn::Max(hn::Max(cross(near_x, 0, near_offset_[0]), cross(near_y, 1, near_offset_[1])),
-                                 hn::Max(cross(near_z, 2, near_offset_[2]), hn::Load(d, t_min_ + first)));
+                                 hn::Max(cross(near_z, 2, near_offset_[2]), hn::Load(d, rays_.t_min + first)));
       const VNode far = hn::Min(hn::Min(cross(far_x, 0, far_offset_[0]), cross(far_y, 1, far_offset_[1])),
-                                hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, limit_ + first)));
+                                hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, rays_.limit + first)));
       uint8_t bits[8] = {};
-      hn::StoreMaskBits(d, hn::Le(near, far), bits);
+      const auto box_mask = hn::Le(near, far);
+      hn::StoreMaskBits(d, box_mask, bits);
       const uint32_t met = bits[0] | uint32_t{bits[1]} << 8;
       tests += static_cast<uint32_t>(std::popcount(met));
+      if (PaysTogether(static_cast<uint32_t>(std::popcount(met)), view.count)) {
+        if (HWY_UNLIKELY(!columns_are_full_)) FillColumns();
+        if (HWY_LIKELY(rays_.same_axes)) {
+          closer |= TestTogether(leaf, view, first, box_mask);
+          continue;
+        }
+      }
       for (uint32_t rest = met; rest != 0; rest &= rest - 1) {
         const size_t i = first + static_cast<size_t>(std::countr_zero(rest));
         for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
           LeafHit& hit = hits_[hit_count];
-          hit.start = Query::Test::Start(slots()[i], view, part);
+          hit.start = Query::Test::Start(OneRay{slots()[i]}, LeafLanes{view, part});
           hit.ray = static_cast<uint32_t>(i);
           hit.first = part;
           hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
         }
       }
     }
-    bool closer = false;
     for (size_t i = 0; i < hit_count; ++i) {
       const LeafHit& hit = hits_[i];
       RaySlot& ray = slots()[hit.ray];
       ray.current = leaf.bits();
       query_.Take(ray, view, hit.first, hit.start);
       const float limit = Query::Limit(ray);
-      closer |= limit < limit_[hit.ray];
-      limit_[hit.ray] = limit;
+      closer |= limit < rays_.limit[hit.ray];
+      rays_.limit[hit.ray] = limit;
     }
     if (closer) UpdateLimit();
     return tests;
+  }
+
+  // Lets the rays in the lanes `met`, from `first` on, test a leaf together. Whether a limit has become lower.
+  HWY_ATTR HWY_INLINE bool TestTogether(ChildRef leaf, const LeafView& view, size_t first, hn::Mask<DNode> met) {
+    const DNode d;
+    const RayLanes<kPacketRays> rays{rays_, first};
+    bool closer = false;
+    for (uint32_t lane = 0; lane < view.count; ++lane) {
+      const OneTriangle triangle{view, lane};
+      auto start = Query::Test::Start(rays, triangle);
+      start.mask = hn::And(start.mask, met);
+      if (hn::AllFalse(d, start.mask)) continue;
+      ForEach(d, start.mask, [&](uint32_t i) { slots()[first + i].current = leaf.bits(); });
+      query_.TakeRays(slots() + first, rays, triangle, start);
+      ForEach(d, start.mask, [&](uint32_t i) {
+        const float limit = Query::Limit(slots()[first + i]);
+        closer |= limit < rays_.limit[first + i];
+        rays_.limit[first + i] = limit;
+      });
+    }
+    return closer;
   }
 
   // A ray that a leaf, or a part of one, has hits for.
@@ -189,8 +226,8 @@ class PacketTraversal {
 
   HWY_ATTR HWY_INLINE void UpdateLimit() {
     const DNode d;
-    VNode greatest = hn::Load(d, limit_);
-    for (size_t i = kWidth; i < kPacketRays; i += kWidth) greatest = hn::Max(greatest, hn::Load(d, limit_ + i));
+    VNode greatest = hn::Load(d, rays_.limit);
+    for (size_t i = kWidth; i < kPacketRays; i += kWidth) greatest = hn::Max(greatest, hn::Load(d, rays_.limit + i));
     bounds_.SetLimit(hn::GetLane(hn::MaxOfLanes(d, greatest)));
   }
 
@@ -202,16 +239,15 @@ class PacketTraversal {
   const Setup setup_;
   TraversalScratch scratch_;
 
-  std::span<const Ray> rays_;
+  std::span<const Ray> given_;
   uint32_t first_ = 0;
-  bool rays_are_set_up_ = false;
+  bool rays_are_set_up_ = false, columns_are_full_ = false;
   PacketBounds<Setup> bounds_;
   // Of each ray.
   HWY_ALIGN float inverse_[3][kPacketRays];
   HWY_ALIGN float near_offset_[3][kPacketRays];
   HWY_ALIGN float far_offset_[3][kPacketRays];
-  HWY_ALIGN float t_min_[kPacketRays];
-  HWY_ALIGN float limit_[kPacketRays];
+  RayColumns<kPacketRays> rays_;
   // One more than there can be: the next one is written in advance.
   LeafHit hits_[kPacketRays * kLeafParts + 1];
 };

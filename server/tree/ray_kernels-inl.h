@@ -15,6 +15,7 @@
 
 #include "hwy/highway.h"
 #include "server/tree/batch_traversal-inl.h"
+#include "server/tree/exact_queries-inl.h"
 #include "server/tree/packet_traversal-inl.h"
 #include "server/tree/queries-inl.h"
 #include "server/tree/ray_kernels.h"

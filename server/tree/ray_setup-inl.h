@@ -76,6 +76,31 @@ class RaySetup {
   // What coordinates are scaled by.
   double scale() const { return scale_; }
 
+  // The greatest magnitude of the first three lanes.
+  HWY_ATTR static HWY_INLINE float Greatest(VF x) {
+    const VF magnitude = hn::Abs(x);
+    const VF yzx = hn::Max(magnitude, hn::Shuffle0321(magnitude));
+    return hn::GetLane(hn::Max(yzx, hn::Shuffle1032(magnitude)));
+  }
+
+  // x * 2^scale_exponent_, rounded once: a power of two that float lacks is one of double.
+  HWY_ATTR HWY_INLINE VF TimesScale(VF x) const {
+    const DF d;
+    if (HWY_LIKELY(scale_exponent_ > -100 && scale_exponent_ < 100))
+      return hn::Mul(x, hn::Set(d, static_cast<float>(scale_)));
+    HWY_ALIGN float lanes[4];
+    hn::Store(x, d, lanes);
+    for (float& lane : lanes) lane = static_cast<float>(lane * scale_);
+    return hn::Load(d, lanes);
+  }
+
+  // Of directions' components; those that count as 0 have a finite one too.
+  HWY_ATTR static HWY_INLINE VF Inverse(VF direction) {
+    const DF d;
+    const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
+    return hn::IfThenElse(tiny, hn::Set(d, 1 / kLeastComponent), hn::Div(hn::Set(d, 1.0f), direction));
+  }
+
   // The same with directions scaled by 2^-exponent, which brings the greatest component to at least 1.
   HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, int exponent, RaySlot& slot) const {
     const DF d;
@@ -96,7 +121,7 @@ class RaySetup {
 
     // 2. Slabs, widened; see README.md.
     const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
-    const VF inverse = hn::IfThenElse(tiny, hn::Set(d, 1 / kLeastComponent), hn::Div(hn::Set(d, 1.0f), direction));
+    const VF inverse = Inverse(direction);
     const VF centre = hn::Neg(hn::Mul(origin, inverse));
     const VF pad =
         hn::MulAdd(hn::Set(d, reach * 0x1p-21f), hn::Abs(inverse), hn::IfThenElseZero(tiny, hn::Set(d, 4 * reach)));
@@ -130,24 +155,6 @@ class RaySetup {
 
  private:
   static double PowerOfTwo(int exponent) { return std::bit_cast<double>(static_cast<uint64_t>(1023 + exponent) << 52); }
-
-  // The greatest magnitude of the first three lanes.
-  HWY_ATTR static HWY_INLINE float Greatest(VF x) {
-    const VF magnitude = hn::Abs(x);
-    const VF yzx = hn::Max(magnitude, hn::Shuffle0321(magnitude));
-    return hn::GetLane(hn::Max(yzx, hn::Shuffle1032(magnitude)));
-  }
-
-  // x * 2^scale_exponent_, rounded once: a power of two that float lacks is one of double.
-  HWY_ATTR HWY_INLINE VF TimesScale(VF x) const {
-    const DF d;
-    if (HWY_LIKELY(scale_exponent_ > -100 && scale_exponent_ < 100))
-      return hn::Mul(x, hn::Set(d, static_cast<float>(scale_)));
-    HWY_ALIGN float lanes[4];
-    hn::Store(x, d, lanes);
-    for (float& lane : lanes) lane = static_cast<float>(lane * scale_);
-    return hn::Load(d, lanes);
-  }
 
   static float ScaledEnd(float t, double scale) { return static_cast<float>(t * scale); }
 

@@ -10,8 +10,8 @@
 #include <cstdint>
 
 #include "hwy/highway.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/leaf_recorder.h"
-#include "server/tree/leaf_test-inl.h"
 #include "server/tree/ray_slot.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -24,14 +24,14 @@ template <typename Query>
 class RecordingQuery {
  public:
   struct Test : Query::Test {
-    using First = typename Query::Test::First;
-
-    HWY_ATTR static HWY_INLINE First Start(const RaySlot& ray, const LeafView& leaf, uint32_t first) {
-      LeafRecorder::current()->Record(leaf.columns);
-      return Query::Test::Start(ray, leaf, first);
+    template <typename Rays, typename Triangles>
+    HWY_ATTR static HWY_INLINE auto Start(const Rays& rays, const Triangles& triangles) {
+      LeafRecorder::current()->Record(triangles.leaf.columns);
+      return Query::Test::Start(rays, triangles);
     }
   };
-  using First = typename Test::First;
+  using First = typename Query::First;
+  using FirstOfRays = typename Query::FirstOfRays;
   static constexpr bool kOrdered = Query::kOrdered;
 
   explicit RecordingQuery(Query& query) : query_(query) {}
@@ -39,6 +39,11 @@ class RecordingQuery {
   HWY_ATTR static void SetUp(RaySlot& ray) { Query::SetUp(ray); }
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     query_.Take(ray, leaf, first, start);
+  }
+  template <size_t kRays>
+  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
+                                    const FirstOfRays& start) {
+    query_.TakeRays(slots, rays, triangle, start);
   }
   static float Limit(const RaySlot& ray) { return Query::Limit(ray); }
   void Miss(uint32_t ray) { query_.Miss(ray); }

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "hwy/highway.h"
-#include "server/tree/leaf_test-inl.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
 #include "server/tree/ray_kernels.h"
 #include "server/tree/ray_setup-inl.h"
@@ -132,7 +132,7 @@ class StreamTraversal {
     for (uint32_t rest = mask; rest != 0; rest &= rest - 1) {
       RaySlot& ray = FirstOf(rest);
       for (uint32_t part = 0; part < leaf.count; part += kLeafLanes) {
-        const auto start = Test::Start(ray, leaf, part);
+        const auto start = Test::Start(OneRay{ray}, LeafLanes{leaf, part});
         if (hn::AllFalse(DLeaf(), start.mask)) continue;
         ray.current = ref.bits();
         query_.Take(ray, leaf, part, start);

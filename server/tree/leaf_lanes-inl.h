@@ -1,0 +1,146 @@
+// Rays and triangles as the leaf tests take them: one ray against several triangles, or several against one.
+
+#if defined(SERVER_TREE_LEAF_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SERVER_TREE_LEAF_LANES_INL_H_
+#undef SERVER_TREE_LEAF_LANES_INL_H_
+#else
+#define SERVER_TREE_LEAF_LANES_INL_H_
+#endif
+
+#include <cstddef>
+#include <cstdint>
+
+#include "hwy/highway.h"
+#include "server/tree/node_test-inl.h"
+#include "server/tree/ray_slot.h"
+#include "server/tree/wide_node.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace deltaray {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Triangles that are tested at once against one ray: a whole leaf, or half of one where registers have only 4 lanes.
+using DLeaf = hn::CappedTag<float, kMaxLeafTriangles>;
+constexpr uint32_t kLeafLanes = hn::MaxLanes(DLeaf());
+constexpr size_t kLeafParts = kMaxLeafTriangles / kLeafLanes;
+
+// A leaf in memory.
+struct LeafView {
+  const float* columns;
+  uint32_t count;
+
+  const float* Corner(int corner, uint32_t axis) const { return columns + (3 * corner + axis) * count; }
+  const uint32_t* ids() const { return reinterpret_cast<const uint32_t*>(columns + kIdColumn * count); }
+  uint32_t Primitive(uint32_t lane) const { return ids()[lane] & kPrimitiveMask; }
+};
+
+// Of triangles with these ids: no edge is longer than this along any axis.
+template <class D>
+HWY_ATTR HWY_INLINE hn::Vec<D> SizesOf(D, hn::Vec<hn::RebindToUnsigned<D>> ids) {
+  const hn::RebindToUnsigned<D> du;
+  return hn::BitCast(D(), hn::ShiftLeft<23>(hn::Sub(hn::Set(du, 128), hn::ShiftRight<kPrimitiveBits>(ids))));
+}
+
+// Triangles of a leaf, from `first` on, one a lane.
+struct LeafLanes {
+  using D = DLeaf;
+  LeafView leaf;
+  uint32_t first;
+
+  HWY_ATTR hn::Vec<D> Corner(int corner, uint32_t axis) const {
+    return hn::LoadU(D(), leaf.Corner(corner, axis) + first);
+  }
+  HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Ids() const {
+    return hn::LoadU(hn::RebindToUnsigned<D>(), leaf.ids() + first);
+  }
+  HWY_ATTR hn::Mask<D> Valid() const { return hn::FirstN(D(), leaf.count - first); }
+};
+
+// One ray, in all lanes.
+struct OneRay {
+  using D = DLeaf;
+  const RaySlot& ray;
+
+  HWY_ATTR hn::Vec<D> Origin(uint32_t axis) const { return hn::Set(D(), ray.origin[axis]); }
+  HWY_ATTR hn::Vec<D> Direction(uint32_t axis) const { return hn::Set(D(), ray.direction[axis]); }
+  HWY_ATTR hn::Vec<D> TMin() const { return hn::Set(D(), ray.t_min); }
+  HWY_ATTR hn::Vec<D> Limit() const { return hn::Set(D(), ray.limit); }
+  uint32_t Axis(int i) const { return ray.axis[i]; }
+  HWY_ATTR hn::Vec<D> Shear(int i) const { return hn::Set(D(), ray.shear[i]); }
+  HWY_ATTR hn::Vec<D> EdgeSlack() const { return hn::Set(D(), ray.edge_slack); }
+  HWY_ATTR hn::Vec<D> DetSlack() const { return hn::Set(D(), ray.det_slack); }
+  HWY_ATTR hn::Vec<D> EndSlack() const { return hn::Set(D(), ray.end_slack); }
+  HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Excluded() const {
+    return hn::Set(hn::RebindToUnsigned<D>(), ray.excluded);
+  }
+};
+
+// What leaf tests read of the slots of some rays.
+template <size_t kRays>
+struct RayColumns {
+  HWY_ALIGN float origin[3][kRays];
+  HWY_ALIGN float direction[3][kRays];
+  HWY_ALIGN float t_min[kRays];
+  HWY_ALIGN float limit[kRays];
+  HWY_ALIGN uint32_t excluded[kRays];
+  // At kExact.
+  HWY_ALIGN float edge_slack[kRays];
+  HWY_ALIGN float det_slack[kRays];
+  HWY_ALIGN float end_slack[kRays];
+  // At kWatertight. Rays whose axes are not in the same order can not be tested together.
+  HWY_ALIGN float shear[3][kRays];
+  uint32_t axis[3];
+  bool same_axes;
+
+  // To be called before any ray is put: its axes, at kWatertight, are what those of others are compared with.
+  void Clear(const RaySlot& first) {
+    for (int i = 0; i < 3; ++i) axis[i] = first.axis[i];
+    same_axes = true;
+  }
+};
+
+// Rays from `first` on, one a lane.
+template <size_t kRays>
+struct RayLanes {
+  using D = DNode;
+  const RayColumns<kRays>& rays;
+  size_t first;
+
+  HWY_ATTR hn::Vec<D> Origin(uint32_t axis) const { return hn::Load(D(), rays.origin[axis] + first); }
+  HWY_ATTR hn::Vec<D> Direction(uint32_t axis) const { return hn::Load(D(), rays.direction[axis] + first); }
+  HWY_ATTR hn::Vec<D> TMin() const { return hn::Load(D(), rays.t_min + first); }
+  HWY_ATTR hn::Vec<D> Limit() const { return hn::Load(D(), rays.limit + first); }
+  uint32_t Axis(int i) const { return rays.axis[i]; }
+  HWY_ATTR hn::Vec<D> Shear(int i) const { return hn::Load(D(), rays.shear[i] + first); }
+  HWY_ATTR hn::Vec<D> EdgeSlack() const { return hn::Load(D(), rays.edge_slack + first); }
+  HWY_ATTR hn::Vec<D> DetSlack() const { return hn::Load(D(), rays.det_slack + first); }
+  HWY_ATTR hn::Vec<D> EndSlack() const { return hn::Load(D(), rays.end_slack + first); }
+  HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Excluded() const {
+    return hn::Load(hn::RebindToUnsigned<D>(), rays.excluded + first);
+  }
+};
+
+// One triangle of a leaf, in all lanes.
+struct OneTriangle {
+  using D = DNode;
+  LeafView leaf;
+  uint32_t lane;
+
+  HWY_ATTR hn::Vec<D> Corner(int corner, uint32_t axis) const { return hn::Set(D(), leaf.Corner(corner, axis)[lane]); }
+  HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Ids() const { return hn::Set(hn::RebindToUnsigned<D>(), leaf.ids()[lane]); }
+  HWY_ATTR hn::Mask<D> Valid() const { return hn::FirstN(D(), hn::MaxLanes(D())); }
+};
+
+// Whether so many of kWidth rays test so many triangles sooner together, triangle by triangle, than each by itself: as
+// measured, a test takes a quarter longer in all lanes of a register.
+constexpr bool PaysTogether(uint32_t rays, uint32_t triangles) {
+  return 4 * rays * ((triangles + kLeafLanes - 1) / kLeafLanes) > 5 * triangles;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace deltaray
+HWY_AFTER_NAMESPACE();
+
+#endif  // SERVER_TREE_LEAF_LANES_INL_H_
