@@ -27,8 +27,8 @@ namespace deltaray {
 namespace HWY_NAMESPACE {
 
 // A packet is led through the nodes as the interval of all its rays [Boulos 2006]: one test of a node's boxes for all
-// of them. At a leaf each ray tries the leaf's box, and those that meet it test the leaf as they would alone, so that
-// answers are the same bits.
+// of them. At a leaf each ray tries the leaf's box, and those that meet it test the leaf's triangles, each by itself or
+// together, with the same operations as if they were alone, so that answers are the same bits.
 template <typename Query>
 class PacketTraversal {
   using Setup = RaySetup<Query::Test::kExact>;
@@ -85,11 +85,14 @@ class PacketTraversal {
     }
   }
 
-  // Fills the rest of the columns: not before rays test a leaf together.
-  HWY_ATTR void FillColumns() {
-    columns_are_full_ = true;
-    rays_.Clear(slots()[0]);
-    for (size_t i = 0; i < kPacketRays; ++i) Query::Test::Put(slots()[i], i, rays_);
+  // Fills the rest of the columns where rays test a leaf together for the first time, and tells whether they can.
+  HWY_ATTR HWY_INLINE bool CanTestTogether() {
+    if (HWY_UNLIKELY(!columns_are_full_)) {
+      columns_are_full_ = true;
+      rays_.Clear(slots()[0]);
+      for (size_t i = 0; i < kPacketRays; ++i) Query::Test::Put(slots()[i], i, rays_);
+    }
+    return rays_.same_axes;
   }
 
   // False: gave up.
@@ -149,9 +152,7 @@ class PacketTraversal {
     const VNode far_x = face(0, kUnitBytes - bounds_.flip(0)), far_y = face(1, kUnitBytes - bounds_.flip(1)),
                 far_z = face(2, kUnitBytes - bounds_.flip(2));
     const LeafView view{reinterpret_cast<const float*>(base_ + leaf.offset() * kUnitBytes), leaf.triangles()};
-    // Rays with hits are set aside, so that no branch is taken per ray.
     uint32_t tests = 0;
-    size_t hit_count = 0;
     bool closer = false;
     for (size_t first = 0; first < kPacketRays; first += kWidth) {
       const auto cross = [&](VNode plane, int axis, const float* offset) HWY_ATTR {
@@ -161,43 +162,41 @@ class PacketTraversal {
                                  hn::Max(cross(near_z, 2, near_offset_[2]), hn::Load(d, rays_.t_min + first)));
       const VNode far = hn::Min(hn::Min(cross(far_x, 0, far_offset_[0]), cross(far_y, 1, far_offset_[1])),
                                 hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, rays_.limit + first)));
-      uint8_t bits[8] = {};
-      const auto box_mask = hn::Le(near, far);
-      hn::StoreMaskBits(d, box_mask, bits);
-      const uint32_t met = bits[0] | uint32_t{bits[1]} << 8;
-      tests += static_cast<uint32_t>(std::popcount(met));
-      if (PaysTogether(static_cast<uint32_t>(std::popcount(met)), view.count)) {
-        if (HWY_UNLIKELY(!columns_are_full_)) FillColumns();
-        if (HWY_LIKELY(rays_.same_axes)) {
-          closer |= TestTogether(leaf, view, first, box_mask);
-          continue;
-        }
-      }
-      for (uint32_t rest = met; rest != 0; rest &= rest - 1) {
-        const size_t i = first + static_cast<size_t>(std::countr_zero(rest));
-        for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
-          LeafHit& hit = hits_[hit_count];
-          hit.start = Query::Test::Start(OneRay{slots()[i]}, LeafLanes{view, part});
-          hit.ray = static_cast<uint32_t>(i);
-          hit.first = part;
-          hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
-        }
-      }
-    }
-    for (size_t i = 0; i < hit_count; ++i) {
-      const LeafHit& hit = hits_[i];
-      RaySlot& ray = slots()[hit.ray];
-      ray.current = leaf.bits();
-      query_.Take(ray, view, hit.first, hit.start);
-      const float limit = Query::Limit(ray);
-      closer |= limit < rays_.limit[hit.ray];
-      rays_.limit[hit.ray] = limit;
+      const auto met = hn::Le(near, far);
+      const auto count = static_cast<uint32_t>(hn::CountTrue(d, met));
+      tests += count;
+      const bool together = PaysTogether(count, view.count) && CanTestTogether();
+      closer |= together ? TestTogether(leaf, view, first, met) : TestApart(leaf, view, first, met);
     }
     if (closer) UpdateLimit();
     return tests;
   }
 
-  // Lets the rays in the lanes `met`, from `first` on, test a leaf together. Whether a limit has become lower.
+  // Lets each of the rays in the lanes `met`, from `first` on, test a leaf. Whether a limit has become lower.
+  HWY_ATTR HWY_INLINE bool TestApart(ChildRef leaf, const LeafView& view, size_t first, hn::Mask<DNode> met) {
+    // Rays with hits are set aside, so that no branch is taken per ray.
+    size_t hit_count = 0;
+    ForEach(DNode(), met, [&](uint32_t lane) HWY_ATTR {
+      for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
+        LeafHit& hit = hits_[hit_count];
+        hit.start = Query::Test::Start(OneRay{slots()[first + lane]}, LeafLanes{view, part});
+        hit.ray = static_cast<uint32_t>(first + lane);
+        hit.first = part;
+        hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
+      }
+    });
+    bool closer = false;
+    for (size_t i = 0; i < hit_count; ++i) {
+      const LeafHit& hit = hits_[i];
+      RaySlot& ray = slots()[hit.ray];
+      ray.current = leaf.bits();
+      query_.Take(ray, view, hit.first, hit.start);
+      closer |= NoteLimit(hit.ray);
+    }
+    return closer;
+  }
+
+  // The same, all rays together, one triangle after the other. REQUIRES: CanTestTogether().
   HWY_ATTR HWY_INLINE bool TestTogether(ChildRef leaf, const LeafView& view, size_t first, hn::Mask<DNode> met) {
     const DNode d;
     const RayLanes<kPacketRays> rays{rays_, first};
@@ -209,11 +208,7 @@ class PacketTraversal {
       if (hn::AllFalse(d, start.mask)) continue;
       ForEach(d, start.mask, [&](uint32_t i) { slots()[first + i].current = leaf.bits(); });
       query_.TakeRays(slots() + first, rays, triangle, start);
-      ForEach(d, start.mask, [&](uint32_t i) {
-        const float limit = Query::Limit(slots()[first + i]);
-        closer |= limit < rays_.limit[first + i];
-        rays_.limit[first + i] = limit;
-      });
+      ForEach(d, start.mask, [&](uint32_t i) { closer |= NoteLimit(first + i); });
     }
     return closer;
   }
@@ -223,6 +218,13 @@ class PacketTraversal {
     typename Query::First start;
     uint32_t ray, first;
   };
+
+  // Takes over the limit of a ray. Whether it has become lower.
+  bool NoteLimit(size_t ray) {
+    const float before = rays_.limit[ray];
+    rays_.limit[ray] = Query::Limit(slots()[ray]);
+    return rays_.limit[ray] < before;
+  }
 
   HWY_ATTR HWY_INLINE void UpdateLimit() {
     const DNode d;
@@ -249,7 +251,7 @@ class PacketTraversal {
   HWY_ALIGN float far_offset_[3][kPacketRays];
   RayColumns<kPacketRays> rays_;
   // One more than there can be: the next one is written in advance.
-  LeafHit hits_[kPacketRays * kLeafParts + 1];
+  LeafHit hits_[kWidth * kLeafParts + 1];
 };
 
 }  // namespace HWY_NAMESPACE
