@@ -85,8 +85,9 @@ class BatchBudget {
   // as the largest of late.
   uint64_t first_expectation() const;
 
-  // Bytes in use.
+  // Bytes in use, and how many may be.
   uint64_t used() const;
+  uint64_t limit() const { return limit_; }
 
  private:
   using Line = std::list<Share*>;

@@ -112,7 +112,7 @@ class GrpcServer final : public Server {
 
   absl::Status Listen() {
     if (!options_.metrics_listen.empty()) {
-      auto page = MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get());
+      auto page = MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get(), &batch_budget_);
       if (!page.ok()) return page.status();
       metrics_page_ = *std::move(page);
     }

@@ -95,6 +95,8 @@ TEST_F(MetricsTest, CountsRaysHitsCallsBuildsAndUploads) {
            R"(deltaray_calls_under_way{method="RayService/CastRays"} 0)",
            R"(deltaray_batches_waiting 0)",
            R"(deltaray_batches_tracing 0)",
+           R"(deltaray_batch_bytes 0)",
+           R"(deltaray_batch_limit_bytes )",
            R"(deltaray_builds_total{outcome="done"} 1)",
            R"(deltaray_build_duration_seconds_count 1)",
            R"(deltaray_build_phase_seconds_total{phase="top"})",
