@@ -117,6 +117,9 @@ struct ExactTest {
   }
 
  private:
+  // What the low end of float costs T, in L²: where `far` is subnormal, or nearly, no factor of it would do.
+  static constexpr float kLeastFar = 0x1p-85f;
+
   // Error bounds: (far + L / 2) L of U, V, W, with a factor; L² of the determinant, with another; and far L² of T.
   template <class D>
   struct Slack {
@@ -131,7 +134,7 @@ struct ExactTest {
       size2 = hn::Mul(size, size);
       det = hn::Mul(rays.DetSlack(), size2);
       edge = hn::Mul(hn::Mul(rays.EdgeSlack(), size), hn::MulAdd(hn::Set(d, 0.5f), size, far));
-      t_factor = hn::Mul(hn::Set(d, 60 * 0x1p-24f), far);
+      t_factor = hn::MulAdd(hn::Set(d, 60 * 0x1p-24f), far, hn::Set(d, kLeastFar));
       t = hn::Mul(t_factor, size2);
     }
   };

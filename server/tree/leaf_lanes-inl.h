@@ -91,14 +91,8 @@ struct RayColumns {
   HWY_ALIGN float end_slack[kRays];
   // At kWatertight. Rays whose axes are not in the same order can not be tested together.
   HWY_ALIGN float shear[3][kRays];
-  uint32_t axis[3];
-  bool same_axes;
-
-  // To be called before any ray is put: its axes, at kWatertight, are what those of others are compared with.
-  void Clear(const RaySlot& first) {
-    for (int i = 0; i < 3; ++i) axis[i] = first.axis[i];
-    same_axes = true;
-  }
+  uint32_t axis[3];  // of ray 0
+  bool same_axes;    // true before rays are put, from ray 0 on
 };
 
 // Rays from `first` on, one a lane.

@@ -92,6 +92,20 @@ HWY_ATTR HWY_INLINE hn::Mask<D> NotCulled(D d, Culling culling, hn::Mask<D> back
 // Determinants below this count as 0 in float: their inverses may be infinite, and infinity times 0 no number.
 constexpr float kLeastDeterminant = 0x1p-126f;
 
+// Whether t_times_det / det is in the interval, but for roundings. REQUIRES: det >= 0.
+template <typename Rays, class D = typename Rays::D>
+HWY_ATTR HWY_INLINE hn::Mask<D> MayBeInRange(const Rays& rays, hn::Vec<D> t_times_det, hn::Vec<D> det) {
+  const hn::Vec<D> after = hn::NegMulAdd(rays.TMin(), det, t_times_det);
+  const hn::Vec<D> before = hn::MulSub(rays.Limit(), det, t_times_det);
+  return hn::Ge(hn::Min(after, before), hn::Zero(D()));
+}
+
+// Whether t as rounded is.
+template <typename Rays, class D = typename Rays::D>
+HWY_ATTR HWY_INLINE hn::Mask<D> IsInRange(const Rays& rays, hn::Vec<D> t) {
+  return hn::And(hn::Ge(t, rays.TMin()), hn::Le(t, rays.Limit()));
+}
+
 // AccuracyLevel::kFast.
 struct FastTest {
   static constexpr bool kExact = false;
@@ -124,20 +138,20 @@ struct FastTest {
     const V zero = hn::Zero(d);
     const M inside =
         hn::And(hn::Ge(hn::Min(result.u, result.v), zero), hn::Le(hn::Add(result.u, result.v), result.det));
-    const M in_range = hn::And(hn::Ge(result.t, hn::Mul(rays.TMin(), result.det)),
-                               hn::Le(result.t, hn::Mul(rays.Limit(), result.det)));
+    const M in_range = MayBeInRange(rays, result.t, result.det);
     const M large = hn::Ge(result.det, hn::Set(d, kLeastDeterminant));
     result.mask = hn::And(hn::And(inside, in_range), hn::And(large, triangles.Valid()));
     return result;
   }
 
-  template <class D>
-  HWY_ATTR static HWY_INLINE LeafHits<D> Finish(D d, const First<D>& start, Culling culling) {
+  template <typename Rays, class D = typename Rays::D>
+  HWY_ATTR static HWY_INLINE LeafHits<D> Finish(const Rays& rays, const First<D>& start, Culling culling) {
+    const D d;
     const hn::Vec<D> inverse = hn::Div(hn::Set(d, 1.0f), start.det);
     LeafHits<D> hits;
     hits.t = hn::Mul(start.t, inverse), hits.u = hn::Mul(start.u, inverse), hits.v = hn::Mul(start.v, inverse);
     hits.back = IsNegative(d, start.sign);
-    hits.mask = hn::And(start.mask, NotCulled(d, culling, hits.back));
+    hits.mask = hn::And(hn::And(start.mask, IsInRange(rays, hits.t)), NotCulled(d, culling, hits.back));
     return hits;
   }
 };
@@ -169,6 +183,7 @@ struct WatertightTest {
     for (int axis = 0; axis < 3; ++axis) {
       columns.origin[axis][i] = ray.origin[axis];
       columns.shear[axis][i] = ray.shear[axis];
+      if (i == 0) columns.axis[axis] = ray.axis[axis];
       columns.same_axes &= ray.axis[axis] == columns.axis[axis];
     }
   }
@@ -206,23 +221,22 @@ struct WatertightTest {
                             hn::Le(hn::Max(hn::Max(a, result.b), result.c), zero));
     result.det = hn::Add(hn::Add(a, result.b), result.c);
     result.t = hn::Mul(hn::MulAdd(a, az, hn::MulAdd(result.b, bz, hn::Mul(result.c, cz))), rays.Shear(2));
-    const V sign = hn::And(result.det, hn::SignBit(d));
-    const V after = hn::Xor(hn::NegMulAdd(rays.TMin(), result.det, result.t), sign);
-    const V before = hn::Xor(hn::MulSub(rays.Limit(), result.det, result.t), sign);
-    const M in_range = hn::Ge(hn::Min(after, before), zero);
-    const M large = hn::Ge(hn::Abs(result.det), hn::Set(d, kLeastDeterminant));
+    const V sign = hn::And(result.det, hn::SignBit(d)), magnitude = hn::Abs(result.det);
+    const M in_range = MayBeInRange(rays, hn::Xor(result.t, sign), magnitude);
+    const M large = hn::Ge(magnitude, hn::Set(d, kLeastDeterminant));
     result.mask = hn::And(hn::And(inside, in_range), hn::And(large, triangles.Valid()));
     return result;
   }
 
-  template <class D>
-  HWY_ATTR static HWY_INLINE LeafHits<D> Finish(D d, const First<D>& start, Culling culling) {
+  template <typename Rays, class D = typename Rays::D>
+  HWY_ATTR static HWY_INLINE LeafHits<D> Finish(const Rays& rays, const First<D>& start, Culling culling) {
+    const D d;
     const hn::Vec<D> inverse = hn::Div(hn::Set(d, 1.0f), start.det);
     LeafHits<D> hits;
     hits.t = hn::Mul(start.t, inverse);
     hits.u = hn::Mul(start.b, inverse), hits.v = hn::Mul(start.c, inverse);
     hits.back = hn::Lt(start.det, hn::Zero(d));
-    hits.mask = hn::And(start.mask, NotCulled(d, culling, hits.back));
+    hits.mask = hn::And(hn::And(start.mask, IsInRange(rays, hits.t)), NotCulled(d, culling, hits.back));
     return hits;
   }
 };

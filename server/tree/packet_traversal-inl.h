@@ -89,7 +89,7 @@ class PacketTraversal {
   HWY_ATTR HWY_INLINE bool CanTestTogether() {
     if (HWY_UNLIKELY(!columns_are_full_)) {
       columns_are_full_ = true;
-      rays_.Clear(slots()[0]);
+      rays_.same_axes = true;
       for (size_t i = 0; i < kPacketRays; ++i) Query::Test::Put(slots()[i], i, rays_);
     }
     return rays_.same_axes;

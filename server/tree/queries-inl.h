@@ -9,7 +9,9 @@
 #define SERVER_TREE_QUERIES_INL_H_
 #endif
 
+#include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <span>
 
@@ -69,16 +71,16 @@ class ClosestQuery {
 
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     const DLeaf d;
-    ForEachHit(d, Test::Finish(d, start, culling_),
+    ForEachHit(d, Test::Finish(OneRay{ray}, start, culling_),
                [&](uint32_t lane, const Hit& hit) { Keep(ray, leaf.Primitive(first + lane), hit); });
   }
 
   template <size_t kRays>
-  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>&, const OneTriangle& triangle,
+  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
     const uint32_t primitive = triangle.leaf.Primitive(triangle.lane);
-    ForEachHit(d, Test::Finish(d, start, culling_),
+    ForEachHit(d, Test::Finish(rays, start, culling_),
                [&](uint32_t lane, const Hit& hit) { Keep(slots[lane], primitive, hit); });
   }
 
@@ -96,12 +98,15 @@ class ClosestQuery {
 
  private:
   HWY_ATTR static HWY_INLINE void Keep(RaySlot& ray, uint32_t primitive, const Hit& hit) {
-    if (primitive == ray.excluded || hit.t > ray.limit) return;
-    if (hit.t == ray.limit && ray.primitive <= primitive) return;
+    if (primitive == ray.excluded) return;
+    const bool is_first = ray.primitive == kNoPrimitive;
+    if (!is_first && (hit.t > ray.t || (hit.t == ray.t && ray.primitive <= primitive))) return;
     ray.t = hit.t, ray.u = hit.u, ray.v = hit.v;
     ray.primitive = primitive;
     ray.back = hit.back;
-    SetLimit(ray, hit.t);
+    // So much farther that leaf tests, whose roundings are less, let through all that is at the same t: among these the
+    // lowest id counts, whichever comes first.
+    SetLimit(ray, std::min(ray.limit, hit.t + std::abs(hit.t) * 0x1p-21f));
   }
 
   const Culling culling_;
@@ -123,15 +128,16 @@ class AnyQuery {
 
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     const DLeaf d;
-    ForEach(d, Test::Finish(d, start, culling_).mask, [&](uint32_t lane) { Keep(ray, leaf.Primitive(first + lane)); });
+    ForEach(d, Test::Finish(OneRay{ray}, start, culling_).mask,
+            [&](uint32_t lane) { Keep(ray, leaf.Primitive(first + lane)); });
   }
 
   template <size_t kRays>
-  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>&, const OneTriangle& triangle,
+  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
     const uint32_t primitive = triangle.leaf.Primitive(triangle.lane);
-    ForEach(d, Test::Finish(d, start, culling_).mask, [&](uint32_t lane) { Keep(slots[lane], primitive); });
+    ForEach(d, Test::Finish(rays, start, culling_).mask, [&](uint32_t lane) { Keep(slots[lane], primitive); });
   }
 
   static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }

@@ -229,6 +229,92 @@ TEST_P(WideTreeTest, RaysThatGrazeTrianglesAreAnsweredAsBruteForce) {
   }
 }
 
+// Origins a few of the least floats from a corner: there, no error is relative to anything.
+TEST_P(WideTreeTest, RaysFromNearlyACornerAreAnsweredAsBruteForce) {
+  Random random(31);
+  const auto point = [&] { return Vec3f(random.OnUnitSphere()); };
+  const auto few = [&] { return static_cast<float>(random.Below(7)) * 0x1p-149f - 3 * 0x1p-149f; };
+  for (int i = 0; i < 400; ++i) {
+    SmallScene scene;
+    scene.Add({{0, 0, 0}, point(), point()});
+    std::vector<Ray> rays(64);
+    for (Ray& ray : rays) {
+      ray.origin = {few(), few(), few()};
+      ray.direction = point();
+    }
+    const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+    const BruteForce brute_force(scene.view());
+    std::vector<Hit> hits(rays.size()), expected(rays.size());
+    std::vector<uint8_t> any(rays.size()), expected_any(rays.size());
+    brute_force.ClosestHits(rays, {}, expected);
+    brute_force.AnyHits(rays, {}, expected_any);
+    tree.ClosestHits(rays, {}, hits);
+    tree.AnyHits(rays, {}, any);
+    EXPECT_EQ(hits, expected);
+    EXPECT_EQ(any, expected_any);
+  }
+}
+
+// An interval that ends just short of a hit, or begins just beyond it: t as rounded is never out of it, at any level,
+// and there is any hit where there is a closest one.
+TEST_P(WideTreeTest, HitsAreInTheInterval) {
+  Random random(37);
+  SmallScene scene;
+  scene.Add({{-1, -1, 0.25f}, {1, -1, -0.5f}, {0, 1, 0.125f}});
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  std::vector<Ray> rays(4000);
+  for (Ray& ray : rays) {
+    ray.origin = Vec3f(3.0 * random.OnUnitSphere());
+    ray.direction = Vec3f(0.3 * random.OnUnitSphere()) - ray.origin;
+  }
+  std::vector<Hit> hits(rays.size());
+  std::vector<uint8_t> any(rays.size());
+  for (const AccuracyLevel level : kLevels) {
+    for (const bool end : {false, true}) {
+      std::vector<Ray> asked = rays;
+      tree.ClosestHits(asked, {.accuracy = level}, hits);
+      for (size_t i = 0; i < asked.size(); ++i) {
+        if (!hits[i].IsHit()) continue;
+        const float other = std::nextafter(hits[i].t, end ? -1e9f : 1e9f);
+        (end ? asked[i].t_max : asked[i].t_min) = other;
+      }
+      for (const Traversal traversal : kTraversals) {
+        tree.ClosestHits(asked, {.accuracy = level, .traversal = traversal}, hits);
+        tree.AnyHits(asked, {.accuracy = level, .traversal = traversal}, any);
+        for (size_t i = 0; i < asked.size(); ++i) {
+          EXPECT_EQ(hits[i].IsHit(), any[i] != 0) << i;
+          if (!hits[i].IsHit() || level == AccuracyLevel::kExact) continue;
+          EXPECT_TRUE(hits[i].t >= asked[i].t_min && hits[i].t <= asked[i].t_max) << i;
+        }
+      }
+    }
+  }
+}
+
+// Copies have the same t, whatever the level, and the order in which leaves come does not matter.
+TEST_P(WideTreeTest, OfCopiesTheFirstIsHit) {
+  Random random(41);
+  SmallScene scene;
+  for (int i = 0; i < 20; ++i) scene.Add({{-1, -1, 0.25f}, {1, -1, -0.5f}, {0, 1, 0.125f}});
+  const WideTree tree = MakeWide(scene.view(), 1, 0, GetParam());
+  std::vector<Ray> rays(2000);
+  for (Ray& ray : rays) {
+    ray.origin = Vec3f(3.0 * random.OnUnitSphere());
+    ray.direction = Vec3f(0.3 * random.OnUnitSphere()) - ray.origin;
+    ray.excluded_primitive = random.Below(2) == 0 ? 0 : kNoPrimitive;
+  }
+  std::vector<Hit> hits(rays.size());
+  for (const AccuracyLevel level : kLevels) {
+    for (const Traversal traversal : kTraversals) {
+      tree.ClosestHits(rays, {.accuracy = level, .traversal = traversal}, hits);
+      for (size_t i = 0; i < rays.size(); ++i) {
+        if (!hits[i].IsHit()) continue;
+        EXPECT_EQ(hits[i].primitive, rays[i].excluded_primitive == 0 ? 1u : 0u) << i;
+      }
+    }
+  }
+}
+
 // Neighbours in a batch whose directions have nothing in common but their signs, in length neither.
 TEST_P(WideTreeTest, RaysOfVeryDifferentLengthsShareNoPacket) {
   const SmallScene scene = GridScene(100, 3);
