@@ -177,8 +177,8 @@ TEST(BudgetsTest, BuildsThatWaitAreLimited) {
   ASSERT_TRUE(third.ok()) << third.status();
   EXPECT_EQ(store->Get(third->info.id)->state, MeshState::kStored);
   ExpectOver(AwaitTree(*store, third->info.id).status(), "limit of 1 builds that wait is met (--max-queued-builds)");
-  ExpectOver(store->Watch(third->info.id).status(), "max_queued_builds");
-  ExpectOver(store->Rebuild(building, {}).status(), "max_queued_builds");
+  ExpectOver(store->Watch(third->info.id).status(), "--max-queued-builds");
+  ExpectOver(store->Rebuild(building, {}).status(), "--max-queued-builds");
   // A mesh that is deleted leaves the queue.
   EXPECT_TRUE(store->Delete(waiting).ok());
   auto built = FutureTree(*store, third->info.id, true);

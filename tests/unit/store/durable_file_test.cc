@@ -174,7 +174,7 @@ TEST(DurableFileTest, AnUploadOverItsLimitStaysRefused) {
   EXPECT_TRUE(file->Append("abcdef").ok());
   const absl::Status status = file->Append("g");
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_THAT(status.ToString(), HasSubstr("max_upload_bytes"));
+  EXPECT_THAT(status.ToString(), HasSubstr("--max-upload-bytes"));
   EXPECT_EQ(file->Append("").code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(file->Finish().status().code(), absl::StatusCode::kResourceExhausted);
 }
