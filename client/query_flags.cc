@@ -37,7 +37,7 @@ void AddQueryFlags(CLI::App& command, v1::RayQuery& query, size_t& batch_rays) {
       "--wait-final", [&query] { query.set_wait(v1::BUILD_WAIT_FINAL); },
       "Wait for the final tree instead of being answered while it is built; the answers are the same");
   command.add_option("--batch", batch_rays, "Rays a batch")
-      ->check(CLI::Range(size_t{1}, kMaxBatchRays))
+      ->check(CLI::Range(size_t{1}, kMaxStreamedBatchRays))
       ->type_name("N")
       ->capture_default_str();
 }

@@ -14,6 +14,9 @@ namespace deltaray {
 // The contract's limit of rays a batch.
 constexpr size_t kMaxBatchRays = 1 << 20;
 
+// Most of --batch: with ids to exclude, so many rays of 64 bytes fit in the 64 MiB of a message.
+constexpr size_t kMaxStreamedBatchRays = 980'000;
+
 // Rays a batch where --batch is not given: where throughput levels off, with little memory held.
 constexpr size_t kDefaultBatchRays = 16384;
 
