@@ -245,7 +245,10 @@ absl::Status RunLoad(const LoadOptions& options) {
   shared.running = static_cast<uint32_t>(streams.size());
   for (const auto& stream : streams) stream->Start();
   std::this_thread::sleep_until(shared.end);
-  const double rays = static_cast<double>(shared.answered_rays);
+  const double rays = [&] {
+    const std::lock_guard lock(shared.mutex);
+    return static_cast<double>(shared.answered_rays);
+  }();
   uint64_t idle = 0;
   for (const auto& stream : streams) idle += stream->batches() == 0;
   for (const auto& stream : streams) stream->Cancel();
