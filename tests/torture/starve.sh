@@ -1,14 +1,16 @@
 #!/usr/bin/env bash
-# usage: starve.sh [--quick] [--bin BIN]
+# usage: starve.sh [--quick] [--seconds N] [--bin BIN]
 # A server without file descriptors, disk, memory or threads, and with clients that stop, die or never speak: it survives
 # each, and answers as before once the want is over, without a restart.
-# --quick is what it always is.
+# --quick is what it always is. The load beside a limit on memory lasts N seconds (5), in which each stream has to get a batch.
 bin=$(dirname "${BASH_SOURCE[0]}")/../../build/bin
+seconds=5
 while [ $# -gt 0 ]; do
   case "$1" in
     --quick) shift ;;
+    --seconds) seconds=$2; shift 2 ;;
     --bin) bin=$2; shift 2 ;;
-    *) echo "usage: starve.sh [--quick] [--bin BIN]" >&2; exit 2 ;;
+    *) echo "usage: starve.sh [--quick] [--seconds N] [--bin BIN]" >&2; exit 2 ;;
   esac
 done
 set -- "$bin"
@@ -116,7 +118,7 @@ start_server
 torture speed --seconds 0.5 >/dev/null
 data_kb=$(awk '/^VmData:/ { print $2 }' "/proc/$server/status")
 "${limit[@]}" "$server" --data=$(((data_kb << 10) + (512 << 20))):
-torture load --seconds 5 --streams 64 --slow 16 --max-batch 131072 >"$scratch/load" 2>&1 || { cat "$scratch/load"; fail "load beside a limit on memory"; }
+torture load --seconds "$seconds" --streams 64 --slow 16 --max-batch 131072 >"$scratch/load" 2>&1 || { cat "$scratch/load"; fail "load beside a limit on memory"; }
 works memory
 tell "memory (budgets of 64 + 256 MB, limit 512 MB; $(cat "$scratch/load"))"
 stop_server
