@@ -59,10 +59,8 @@ struct ExactTest {
     const D d;
     const MollerTrumbore<D> test(rays, triangles);
     First<D> result;
-    result.sign = hn::And(test.det, hn::SignBit(d));
-    result.det = hn::Xor(test.det, result.sign);
-    result.u = hn::Xor(test.u, result.sign), result.v = hn::Xor(test.v, result.sign);
-    result.t = hn::Xor(test.t, result.sign);
+    result.sign = test.sign;
+    result.det = test.det, result.u = test.u, result.v = test.v, result.t = test.t;
     result.far = hn::Max(hn::Max(hn::Abs(test.sx), hn::Abs(test.sy)), hn::Abs(test.sz));
 
     // Certainly beside the triangle, whether or not the determinant has a certain sign.

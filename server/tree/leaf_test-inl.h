@@ -30,11 +30,13 @@ struct LeafHits {
   hn::Mask<D> back;
 };
 
-// Möller–Trumbore in float [Möller and Trumbore 1997]: t = T/det, u = U/det, v = V/det.
+// Möller–Trumbore in float [Möller and Trumbore 1997]: t = T/det, u = U/det, v = V/det, all turned so that the
+// determinant counts as positive.
 template <class D>
 struct MollerTrumbore {
   using V = hn::Vec<D>;
   V det, u, v, t;
+  V sign;        // of the determinant
   V sx, sy, sz;  // from the first corner to the ray's origin
 
   template <typename Rays, typename Triangles>
@@ -53,6 +55,8 @@ struct MollerTrumbore {
     u = Dot(sx, sy, sz, px, py, pz);
     v = Dot(dx, dy, dz, qx, qy, qz);
     t = Dot(e2x, e2y, e2z, qx, qy, qz);
+    sign = hn::And(det, hn::SignBit(D()));
+    det = hn::Xor(det, sign), u = hn::Xor(u, sign), v = hn::Xor(v, sign), t = hn::Xor(t, sign);
   }
 
  private:
@@ -131,10 +135,8 @@ struct FastTest {
     const D d;
     const MollerTrumbore<D> test(rays, triangles);
     First<D> result;
-    result.sign = hn::And(test.det, hn::SignBit(d));
-    result.det = hn::Xor(test.det, result.sign);
-    result.u = hn::Xor(test.u, result.sign), result.v = hn::Xor(test.v, result.sign);
-    result.t = hn::Xor(test.t, result.sign);
+    result.sign = test.sign;
+    result.det = test.det, result.u = test.u, result.v = test.v, result.t = test.t;
     const V zero = hn::Zero(d);
     const M inside =
         hn::And(hn::Ge(hn::Min(result.u, result.v), zero), hn::Le(hn::Add(result.u, result.v), result.det));

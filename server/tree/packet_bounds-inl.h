@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
@@ -34,6 +35,7 @@ class PacketBounds {
   // REQUIRES: as many rays as a packet has.
   HWY_ATTR bool Find(std::span<const Ray> rays, const Setup& setup, bool wide) {
     if (!wide && StartApart(rays.front(), rays.back(), setup)) return false;
+    static_assert(offsetof(Ray, t_min) == 12 && offsetof(Ray, direction) == 16 && offsetof(Ray, t_max) == 28);
     // 1. The ranges of all that a ray has: x, y, z of the origin and t_min; x, y, z of the direction and t_max. Four
     // rays at a time, so that they need not wait for each other.
     const hn::CappedTag<float, 8> d;

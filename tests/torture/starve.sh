@@ -2,7 +2,8 @@
 # usage: starve.sh [--quick] [--seconds N] [--bin BIN]
 # A server without file descriptors, disk, memory or threads, and with clients that stop, die or never speak: it survives
 # each, and answers as before once the want is over, without a restart.
-# --quick is what it always is. The load beside a limit on memory lasts N seconds (5), in which each stream has to get a batch.
+# --quick is what it always is. The load beside a limit on memory lasts N seconds (5), in which each stream has to get a
+# batch.
 bin=$(dirname "${BASH_SOURCE[0]}")/../../build/bin
 seconds=5
 while [ $# -gt 0 ]; do

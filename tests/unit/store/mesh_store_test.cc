@@ -435,7 +435,7 @@ TEST(MeshStoreTest, AFolderThatMayNotBeReadForATimeHidesNothing) {
 }
 
 TEST(MeshStoreTest, WithoutFileDescriptorsItAnswersFromMemoryAndRecovers) {
-#ifdef DELTARAY_SANITIZED
+#ifdef __SANITIZE_ADDRESS__
   GTEST_SKIP() << "UndefinedBehaviorSanitizer takes two file descriptors to look at an object";
 #endif
   ScratchDirectory directory;
