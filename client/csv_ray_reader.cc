@@ -22,6 +22,8 @@ namespace {
 constexpr std::array<absl::string_view, 8> kColumns = {"ox", "oy", "oz", "dx", "dy", "dz", "t_min", "t_max"};
 constexpr size_t kRequiredColumns = 6;
 constexpr size_t kMaxLineBytes = 4095;
+// What some programs of Windows write before the first line.
+constexpr absl::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 // Lines of a file, through a buffer of fixed size.
 class LineReader {
@@ -41,6 +43,7 @@ class LineReader {
         absl::string_view line = unread.substr(0, length);
         begin_ += line.size() + (length != unread.npos ? 1 : 0);
         absl::ConsumeSuffix(&line, "\r");
+        if (number_ == 1) absl::ConsumePrefix(&line, kByteOrderMark);
         return line;
       }
       if (ended_) return std::nullopt;

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -137,6 +138,8 @@ bool KindHas(v1::QueryKind kind, v1::HitColumn column) {
       return column == v1::HIT_COLUMN_FLAGS;
     case v1::QUERY_KIND_COUNT_HITS:
       return column == v1::HIT_COLUMN_COUNT;
+    case v1::QUERY_KIND_ALL_HITS:
+      return true;
     default:
       return column != v1::HIT_COLUMN_COUNT;
   }
@@ -166,14 +169,17 @@ absl::StatusOr<std::vector<v1::HitColumn>> ResolveColumns(v1::QueryKind kind, co
   return columns;
 }
 
-absl::Status HitWriter::Begin() {
-  if (format_ == HitFormat::kJson || format_ == HitFormat::kRaw) return absl::OkStatus();
+void HitWriter::AppendHeader() {
+  if (std::exchange(begun_, true) || format_ == HitFormat::kJson || format_ == HitFormat::kRaw) return;
   TextRow header(format_, &buffer_);
   header.Add("", "ray");
   for (const v1::HitColumn column : columns_) {
     for (const std::string& name : TextNames(column, kind_)) header.Add("", name);
   }
   header.End();
+}
+
+absl::Status HitWriter::Flush() {
   absl::Status status = WriteOutput(output_, buffer_);
   buffer_.clear();
   return status;
@@ -182,16 +188,20 @@ absl::Status HitWriter::Begin() {
 absl::Status HitWriter::Write(const v1::HitBatch& hits) {
   absl::Status status = Check(hits);
   if (!status.ok()) return status;
+  AppendHeader();
   const bool all_hits = kind_ == v1::QUERY_KIND_ALL_HITS;
   for (uint32_t i = 0; i < hits.ray_count(); ++i) {
     const size_t begin = all_hits ? At<uint32_t>(hits.offsets(), i) : i;
     const size_t end = all_hits ? At<uint32_t>(hits.offsets(), i + 1) : i + 1;
-    for (size_t row = begin; row < end; ++row) AppendRow(hits, next_ray_ + i, row);
+    for (size_t row = begin; row < end; ++row) AppendRow(hits, i, row);
   }
   next_ray_ += hits.ray_count();
-  status = WriteOutput(output_, buffer_);
-  buffer_.clear();
-  return status;
+  return Flush();
+}
+
+absl::Status HitWriter::End() {
+  AppendHeader();
+  return Flush();
 }
 
 absl::Status HitWriter::Check(const v1::HitBatch& hits) const {
@@ -214,26 +224,30 @@ absl::Status HitWriter::Check(const v1::HitBatch& hits) const {
   }
   for (const v1::HitColumn column : columns_) {
     const auto [bytes, row_bytes] = ColumnOf(hits, column);
-    if (bytes.size() != rows * row_bytes) {
+    const uint64_t expected = column == v1::HIT_COLUMN_COUNT ? rays : rows;
+    if (bytes.size() != expected * row_bytes) {
       return LocalError(absl::StrCat("the server's reply has ", bytes.size(), " bytes of ", EnumName(column), " for ",
-                                     rows, " rows"));
+                                     expected, column == v1::HIT_COLUMN_COUNT ? " rays" : " rows"));
     }
   }
   return absl::OkStatus();
 }
 
-void HitWriter::AppendRow(const v1::HitBatch& hits, uint64_t ray, size_t row) {
+void HitWriter::AppendRow(const v1::HitBatch& hits, uint32_t ray, size_t row) {
   if (format_ != HitFormat::kRaw) return AppendTextRow(hits, ray, row);
-  if (kind_ == v1::QUERY_KIND_ALL_HITS) buffer_.append(reinterpret_cast<const char*>(&ray), sizeof(ray));
+  if (kind_ == v1::QUERY_KIND_ALL_HITS) {
+    const uint64_t number = next_ray_ + ray;
+    buffer_.append(reinterpret_cast<const char*>(&number), sizeof(number));
+  }
   for (const v1::HitColumn column : columns_) {
     const auto [bytes, row_bytes] = ColumnOf(hits, column);
-    buffer_.append(bytes, row * row_bytes, row_bytes);
+    buffer_.append(bytes, (column == v1::HIT_COLUMN_COUNT ? ray : row) * row_bytes, row_bytes);
   }
 }
 
-void HitWriter::AppendTextRow(const v1::HitBatch& hits, uint64_t ray, size_t row) {
+void HitWriter::AppendTextRow(const v1::HitBatch& hits, uint32_t ray, size_t row) {
   TextRow line(format_, &buffer_);
-  line.AddInteger("ray", ray);
+  line.AddInteger("ray", next_ray_ + ray);
   for (const v1::HitColumn column : columns_) {
     const std::string& bytes = ColumnOf(hits, column).bytes;
     switch (column) {
@@ -263,7 +277,7 @@ void HitWriter::AppendTextRow(const v1::HitBatch& hits, uint64_t ray, size_t row
         if (kind_ != v1::QUERY_KIND_ANY_HIT) line.AddFlag("back", At<uint8_t>(bytes, row) & kFlagBack);
         break;
       default:
-        line.AddInteger("count", At<uint32_t>(bytes, row));
+        line.AddInteger("count", At<uint32_t>(bytes, ray));
     }
   }
   line.End();

@@ -107,12 +107,10 @@ absl::Status Cast(const CastOptions& options, const Session& session) {
   if (!connection.ok()) return connection.status();
 
   HitWriter writer(options.format, query.kind(), *columns, session.output);
-  absl::Status status = writer.Begin();
-  if (!status.ok()) return status;
   // Not where the hits go to the same terminal.
   ProgressBar bar(session.messages, session.show_progress && !isatty(fileno(session.output)));
   uint64_t answered = 0;
-  return StreamBatches(
+  const absl::Status status = StreamBatches(
       *connection, start,
       [&](OutgoingBatch& batch) { return ReadBatch(**rays, excluded->get(), options.batch_rays, batch); },
       [&](const v1::HitBatch& hits) {
@@ -120,6 +118,7 @@ absl::Status Cast(const CastOptions& options, const Session& session) {
         bar.Update(-1, absl::StrCat(GroupDigits(answered), " rays answered"));
         return writer.Write(hits);
       });
+  return status.ok() ? writer.End() : status;
 }
 
 // "t,uv"; throws for CLI11 to report.
@@ -163,7 +162,7 @@ void AddCastCommand(CLI::App& app, CommandRun& run) {
   command
       .add_option_function<uint32_t>(
           "--max-hits", [&query](const uint32_t& hits) { query.set_max_hits_per_ray(hits); },
-          "--kind all: most hits a ray, the nearest ones [64]")
+          "--kind all: most hits a ray, the nearest ones; the count is of all [64]")
       ->check(CLI::Range(1, 65536))
       ->type_name("N");
   command.add_option("--exclude", options->exclude_path,

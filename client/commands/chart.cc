@@ -135,8 +135,9 @@ void AddRaysFlags(CLI::App& command, ChartOptions& options) {
   command.add_option("--count", options.count, "How many to make")
       ->check(CLI::Range(size_t{1}, kMaxBatchRays))
       ->type_name("N")
-      ->capture_default_str();
-  command.add_option("--seed", options.seed, "What they are made from")->capture_default_str();
+      ->capture_default_str()
+      ->excludes(rays);
+  command.add_option("--seed", options.seed, "What they are made from")->capture_default_str()->excludes(rays);
 }
 
 }  // namespace

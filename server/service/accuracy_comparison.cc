@@ -237,8 +237,7 @@ absl::StatusOr<v1::CompareAccuracyResponse> CompareAccuracy(const TreeSnapshot& 
                                                             const ComparisonQuery& comparison,
                                                             const RayBatchBytes& batch, uint32_t max_rays,
                                                             const std::function<bool()>& cancelled) {
-  const absl::StatusOr<RayBatchView> rays =
-      RayBatchView::Make(batch, comparison.query, snapshot.mesh->origin, max_rays);
+  const absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, comparison.query, *snapshot.mesh, max_rays);
   if (!rays.ok()) return rays.status();
   if (rays->size() == 0) return absl::InvalidArgumentError("rays.rays: there are none to compare by");
   Comparison run(snapshot, comparison, *rays, cancelled);

@@ -196,7 +196,7 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
 absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
                                         const std::function<bool()>& cancelled) {
-  absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, snapshot.mesh->origin, limits.max_rays);
+  absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, *snapshot.mesh, limits.max_rays);
   if (!rays.ok()) return rays.status();
   if (rays->size() * BytesPerRay(query) + kOverheadBytes > limits.max_message_bytes) {
     return ReplyTooLarge(limits.max_message_bytes);

@@ -69,8 +69,8 @@ class NumberCheck {
 
 }  // namespace
 
-absl::StatusOr<RayBatchView> RayBatchView::Make(const RayBatchBytes& batch, const BatchQuery& query, Vec3d mesh_origin,
-                                                uint32_t max_rays) {
+absl::StatusOr<RayBatchView> RayBatchView::Make(const RayBatchBytes& batch, const BatchQuery& query,
+                                                const TriangleMesh& mesh, uint32_t max_rays) {
   RayBatchView view(&batch);
   const size_t ray_bytes = query.RayBytes();
   if (batch.rays.size % ray_bytes != 0) {
@@ -91,7 +91,8 @@ absl::StatusOr<RayBatchView> RayBatchView::Make(const RayBatchBytes& batch, cons
   view.layout_ = query.layout;
   view.t_min_ = query.t_min;
   view.t_max_ = query.t_max;
-  view.mesh_origin_ = mesh_origin;
+  view.mesh_origin_ = mesh.origin;
+  view.triangle_count_ = static_cast<uint32_t>(mesh.indices.size());
   return view;
 }
 
@@ -154,7 +155,13 @@ absl::Status RayBatchView::DecodeAs(size_t first, std::span<Ray> rays) const {
     const char* const excluded = batch_->message.Read(batch_->excluded_primitive_ids.offset + first * sizeof(uint32_t),
                                                       rays.size() * sizeof(uint32_t), excluded_scratch);
     for (size_t i = 0; i < rays.size(); ++i) {
-      std::memcpy(&rays[i].excluded_primitive, excluded + i * sizeof(uint32_t), sizeof(uint32_t));
+      uint32_t& id = rays[i].excluded_primitive;
+      std::memcpy(&id, excluded + i * sizeof(uint32_t), sizeof(uint32_t));
+      if (id >= triangle_count_ && id != kNoPrimitive) {
+        return absl::InvalidArgumentError(absl::StrCat("rays.excluded_primitive_ids: ray ", first + i, ": ", id,
+                                                       " is no triangle of the mesh, which has ", triangle_count_, "; ",
+                                                       kNoPrimitive, " stands for none"));
+      }
     }
   }
   return absl::OkStatus();

@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "server/geometry/ray.h"
+#include "server/mesh/triangle_mesh.h"
 #include "server/service/batch_query.h"
 #include "server/service/ray_message.h"
 
@@ -19,10 +20,10 @@ namespace deltaray {
 // turned by several threads and no copy of the batch is needed. The bytes need no alignment. Thread-safe.
 class RayBatchView {
  public:
-  // A view of `batch`, which must outlive it. INVALID_ARGUMENT where an array is not a whole number of rays long;
-  // RESOURCE_EXHAUSTED for more than `max_rays` rays. Says nothing on the numbers in it: Decode does.
-  static absl::StatusOr<RayBatchView> Make(const RayBatchBytes& batch, const BatchQuery& query, Vec3d mesh_origin,
-                                           uint32_t max_rays);
+  // A view of `batch`, which must outlive it, for `mesh`. INVALID_ARGUMENT where an array is not a whole number of rays
+  // long; RESOURCE_EXHAUSTED for more than `max_rays` rays. Says nothing on the numbers in it: Decode does.
+  static absl::StatusOr<RayBatchView> Make(const RayBatchBytes& batch, const BatchQuery& query,
+                                           const TriangleMesh& mesh, uint32_t max_rays);
 
   size_t size() const { return size_; }
 
@@ -32,7 +33,7 @@ class RayBatchView {
   // Fills `rays` with the rays from `first` on. The mesh's origin is subtracted from the ray's in float64, and the
   // result rounded once to float32; where it is zero, float32 rays keep their bits. INVALID_ARGUMENT, with the number
   // of the ray and the component, for a number that is not finite, or no longer so as float32, for a direction that
-  // float32 can not tell from zero, and for NaN in an interval.
+  // float32 can not tell from zero, for NaN in an interval, and for an excluded primitive that the mesh has not.
   absl::Status Decode(size_t first, std::span<Ray> rays) const;
 
  private:
@@ -47,6 +48,7 @@ class RayBatchView {
   float t_min_ = 0;
   float t_max_ = 0;
   Vec3d mesh_origin_;
+  uint32_t triangle_count_ = 0;
 };
 
 }  // namespace deltaray

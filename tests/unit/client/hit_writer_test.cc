@@ -41,8 +41,8 @@ std::string Written(HitFormat format, v1::QueryKind kind, const std::vector<v1::
                     const std::vector<v1::HitBatch>& batches) {
   TestSession session;
   HitWriter writer(format, kind, *ResolveColumns(kind, columns), session.session().output);
-  EXPECT_TRUE(writer.Begin().ok());
   for (const v1::HitBatch& batch : batches) EXPECT_TRUE(writer.Write(batch).ok());
+  EXPECT_TRUE(writer.End().ok());
   return session.TakeOutput();
 }
 
@@ -118,6 +118,26 @@ TEST(HitWriterTest, WritesARowForEachOfAllHits) {
                 Bytes<float>({3}));
 }
 
+TEST(HitWriterTest, WritesTheCountOfTheRayOnEachOfItsRows) {
+  const std::vector<v1::HitColumn> columns = {v1::HIT_COLUMN_T, v1::HIT_COLUMN_COUNT};
+  v1::HitBatch hits = ThreeRaysWithAllHits();
+  hits.set_count(Bytes<uint32_t>({7, 0, 1}));
+  EXPECT_EQ(Written(HitFormat::kCsv, v1::QUERY_KIND_ALL_HITS, columns, {hits}), "ray,t,count\n0,1,7\n0,2,7\n2,3,1\n");
+  EXPECT_EQ(Written(HitFormat::kRaw, v1::QUERY_KIND_ALL_HITS, {v1::HIT_COLUMN_COUNT}, {hits}),
+            Bytes<uint64_t>({0}) + Bytes<uint32_t>({7}) + Bytes<uint64_t>({0}) + Bytes<uint32_t>({7}) +
+                Bytes<uint64_t>({2}) + Bytes<uint32_t>({1}));
+}
+
+TEST(HitWriterTest, WritesTheHeaderOnceThereIsAnAnswer) {
+  EXPECT_EQ(Written(HitFormat::kCsv, v1::QUERY_KIND_COUNT_HITS, {}, {}), "ray,count\n");
+  TestSession session;
+  HitWriter writer(HitFormat::kCsv, v1::QUERY_KIND_COUNT_HITS, {v1::HIT_COLUMN_COUNT}, session.session().output);
+  v1::HitBatch bad;
+  bad.set_ray_count(1);
+  EXPECT_FALSE(writer.Write(bad).ok());
+  EXPECT_EQ(session.TakeOutput(), "");
+}
+
 TEST(HitWriterTest, FloatsReadBackAsTheSameBits) {
   v1::HitBatch hits;
   const std::initializer_list<float> values = {16777216.0f, 0.1f + 0.2f, 1e-45f, 3.4028235e38f, -1.17549435e-38f};
@@ -164,7 +184,7 @@ TEST(HitWriterTest, ReaderThatHasGoneIsNoFailure) {
   close(pipe_ends[0]);
   std::FILE* output = fdopen(pipe_ends[1], "w");
   HitWriter writer(HitFormat::kCsv, v1::QUERY_KIND_CLOSEST_HIT, {v1::HIT_COLUMN_T}, output);
-  EXPECT_TRUE(IsOutputClosed(writer.Begin()));
+  EXPECT_TRUE(IsOutputClosed(writer.End()));
   std::fclose(output);
 }
 
@@ -172,7 +192,8 @@ TEST(ResolveColumnsTest, FillsInTheDefaultOfEachKind) {
   EXPECT_THAT(*ResolveColumns(v1::QUERY_KIND_CLOSEST_HIT, {}),
               ElementsAre(v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID, v1::HIT_COLUMN_UV, v1::HIT_COLUMN_FLAGS));
   EXPECT_THAT(*ResolveColumns(v1::QUERY_KIND_ALL_HITS, {}),
-              ElementsAre(v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID, v1::HIT_COLUMN_UV, v1::HIT_COLUMN_FLAGS));
+              ElementsAre(v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID, v1::HIT_COLUMN_UV, v1::HIT_COLUMN_FLAGS,
+                          v1::HIT_COLUMN_COUNT));
   EXPECT_THAT(*ResolveColumns(v1::QUERY_KIND_ANY_HIT, {}), ElementsAre(v1::HIT_COLUMN_FLAGS));
   EXPECT_THAT(*ResolveColumns(v1::QUERY_KIND_COUNT_HITS, {}), ElementsAre(v1::HIT_COLUMN_COUNT));
 }

@@ -60,6 +60,13 @@ TEST(CsvRayReaderTest, SkipsEmptyLinesCommentsAndSpaces) {
             (std::vector<double>{1, 2, 3, 4, 5, 6, 6, 5, 4, 3, 2, 1}));
 }
 
+TEST(CsvRayReaderTest, SkipsTheByteOrderMark) {
+  EXPECT_EQ(*ReadCsv("\xEF\xBB\xBFox,oy,oz,dx,dy,dz\n1,2,3,4,5,6\n"), (std::vector<double>{1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ(*ReadCsv("\xEF\xBB\xBF"
+                     "1,2,3,4,5,6\n"),
+            (std::vector<double>{1, 2, 3, 4, 5, 6}));
+}
+
 TEST(CsvRayReaderTest, EmptyFileHasNoRays) {
   EXPECT_TRUE(ReadCsv("")->empty());
   EXPECT_TRUE(ReadCsv("ox,oy,oz,dx,dy,dz\n")->empty());

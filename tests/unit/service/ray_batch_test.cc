@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "tests/unit/service/meshes.h"
@@ -23,6 +24,14 @@ BatchQuery Query(v1::RayLayout layout) {
   return *ReadQuery(query);
 }
 
+// A mesh of 20 triangles, as far as rays are concerned.
+TriangleMesh MeshAt(Vec3d origin) {
+  TriangleMesh mesh;
+  mesh.indices.resize(20);
+  mesh.origin = origin;
+  return mesh;
+}
+
 // The rays of `bytes`, read at an odd address.
 absl::StatusOr<std::vector<Ray>> Decode(v1::RayLayout layout, const std::string& bytes, Vec3d origin = {},
                                         const std::string& excluded = "") {
@@ -30,7 +39,7 @@ absl::StatusOr<std::vector<Ray>> Decode(v1::RayLayout layout, const std::string&
   batch.set_rays(bytes);
   batch.set_excluded_primitive_ids(excluded);
   const RayBatchBytes copy = CopyRayBatch(batch);
-  absl::StatusOr<RayBatchView> view = RayBatchView::Make(copy, Query(layout), origin, 1000);
+  absl::StatusOr<RayBatchView> view = RayBatchView::Make(copy, Query(layout), MeshAt(origin), 1000);
   if (!view.ok()) return view.status();
   std::vector<Ray> rays(view->size());
   if (absl::Status status = view->Decode(0, rays); !status.ok()) return status;
@@ -133,17 +142,28 @@ TEST(RayBatchTest, ArraysOfTheWrongLengthAreRefused) {
   v1::RayBatch batch;
   batch.set_rays(std::string(48, 0));
   batch.set_excluded_primitive_ids(std::string(4, 0));
-  const auto view = RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000);
+  const auto view = RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), MeshAt({}), 1000);
   EXPECT_EQ(view.status(), absl::InvalidArgumentError("rays.excluded_primitive_ids: 4 bytes, not 8 for 2 rays"));
+}
+
+TEST(RayBatchTest, ExcludedPrimitivesThatTheMeshHasNotAreRefused) {
+  const std::string rays(2 * 24, '\0');
+  EXPECT_TRUE(Decode(v1::RAY_LAYOUT_FLOAT32X6, rays, {}, Bytes<uint32_t>({kNoPrimitive, 19})).ok());
+  for (const uint32_t id : {20u, kNoPrimitive - 1}) {
+    EXPECT_EQ(Decode(v1::RAY_LAYOUT_FLOAT32X6, rays, {}, Bytes<uint32_t>({0, id})).status(),
+              absl::InvalidArgumentError(absl::StrCat("rays.excluded_primitive_ids: ray 1: ", id,
+                                                      " is no triangle of the mesh, which has 20; 4294967295 stands "
+                                                      "for none")));
+  }
 }
 
 TEST(RayBatchTest, MoreRaysThanTheLimitAreRefused) {
   v1::RayBatch batch;
   batch.set_rays(std::string(24 * 1000, 0));
-  EXPECT_TRUE(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).ok());
+  EXPECT_TRUE(RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), MeshAt({}), 1000).ok());
   batch.set_rays(std::string(24 * 1001, 0));
   EXPECT_EQ(
-      RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), {}, 1000).status(),
+      RayBatchView::Make(CopyRayBatch(batch), Query(v1::RAY_LAYOUT_FLOAT32X6), MeshAt({}), 1000).status(),
       absl::ResourceExhaustedError("rays.rays: 1001 rays are over the limit of 1000 rays a batch (--max-batch-rays)"));
 }
 
