@@ -16,6 +16,7 @@
 #include "server/tree/decision-inl.h"
 #include "server/tree/exact_leaf_test-inl.h"
 #include "server/tree/leaf_lanes-inl.h"
+#include "server/tree/packet_rays-inl.h"
 #include "server/tree/queries-inl.h"
 #include "server/tree/ray_setup-inl.h"
 #include "server/tree/suspects.h"
@@ -23,6 +24,19 @@
 HWY_BEFORE_NAMESPACE();
 namespace deltaray {
 namespace HWY_NAMESPACE {
+
+// Ends the rays of a packet whose answers are in their slots.
+template <typename Query>
+HWY_ATTR HWY_INLINE void EndSlots(Query& query, PacketRays& packet) {
+  for (uint32_t i = 0; i < kPacketRays; ++i) {
+    RaySlot* const slot = packet.SlotIfMade(i);
+    if (slot != nullptr && slot->MayHit()) {
+      query.End(*slot);
+    } else {
+      query.Miss(packet.first() + i);
+    }
+  }
+}
 
 // The closest hit at kExact. Triangles that the ray may hit wait in its slot; who is hit and where is decided at its
 // end.
@@ -46,30 +60,33 @@ class ExactClosestQuery {
   HWY_ATTR static void SetUp(RaySlot&) {}
 
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
-    const DLeaf d;
-    const auto suspects = Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_);
-    const float certain_limit = hn::GetLane(hn::MinOfLanes(d, suspects.certain_limit));
-    if (certain_limit < ray.limit) SetLimit(ray, certain_limit);
-    HWY_ALIGN float t[kLeafLanes];
-    hn::Store(suspects.t, d, t);
-    ForEach(d, suspects.mask, [&](uint32_t lane) { Keep(ray, {ray.current, first + lane}, t[lane]); });
+    KeepAll(ray, ray.current, first, Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_));
   }
 
-  template <size_t kRays>
-  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
+  HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef ref, const LeafView& leaf, uint32_t first,
+                                   const First& start) {
+    RaySlot& ray = packet.Slot(i);
+    const OneOfRays<kPacketRays> rays{packet.columns(), i};
+    KeepAll(ray, ref.bits(), first, Test::Finish(rays, LeafLanes{leaf, first}, start, culling_));
+    packet.columns().limit[i] = ray.limit;
+  }
+
+  HWY_ATTR HWY_INLINE void TakeRays(PacketRays& packet, size_t first, ChildRef ref, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
-    const auto suspects = Test::Finish(rays, triangle, start, culling_);
+    RayColumns<kPacketRays>& rays = packet.columns();
+    const auto suspects = Test::Finish(RayLanes<kPacketRays>{rays, first}, triangle, start, culling_);
     HWY_ALIGN float t[kWidth], certain_limit[kWidth];
     hn::Store(suspects.t, d, t), hn::Store(suspects.certain_limit, d, certain_limit);
     ForEach(d, suspects.mask, [&](uint32_t lane) {
-      RaySlot& ray = slots[lane];
+      RaySlot& ray = packet.Slot(first + lane);
       if (certain_limit[lane] < ray.limit) SetLimit(ray, certain_limit[lane]);
-      Keep(ray, {ray.current, triangle.lane}, t[lane]);
+      Keep(ray, {ref.bits(), triangle.lane}, t[lane]);
+      rays.limit[first + lane] = ray.limit;
     });
   }
 
-  static float Limit(const RaySlot& ray) { return ray.limit; }
+  HWY_ATTR void EndRays(PacketRays& packet) { EndSlots(*this, packet); }
 
   void Miss(uint32_t ray) { hits_[ray] = Hit(); }
 
@@ -83,6 +100,16 @@ class ExactClosestQuery {
   }
 
  private:
+  // Keeps the suspects of a leaf, from lane `first` on.
+  HWY_ATTR HWY_INLINE void KeepAll(RaySlot& ray, uint32_t leaf, uint32_t first, const LeafSuspects<DLeaf>& suspects) {
+    const DLeaf d;
+    const float certain_limit = hn::GetLane(hn::MinOfLanes(d, suspects.certain_limit));
+    if (certain_limit < ray.limit) SetLimit(ray, certain_limit);
+    HWY_ALIGN float t[kLeafLanes];
+    hn::Store(suspects.t, d, t);
+    ForEach(d, suspects.mask, [&](uint32_t lane) { Keep(ray, {leaf, first + lane}, t[lane]); });
+  }
+
   HWY_ATTR HWY_INLINE void Keep(RaySlot& ray, const Suspect& suspect, float t) {
     if (t > ray.limit) return;
     if (ray.suspect_count == RaySlot::kMaxSuspects) MakeRoom(ray);
@@ -118,34 +145,49 @@ class ExactAnyQuery {
 
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     if (ray.primitive != kNoPrimitive) return;
-    const DLeaf d;
-    const auto suspects = Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_);
-    if (hn::GetLane(hn::MinOfLanes(d, suspects.certain_limit)) < ray.limit) return Found(ray);
-    ForEach(d, suspects.mask, [&](uint32_t lane) { Keep(ray, {ray.current, first + lane}); });
+    KeepAll(ray, ray.current, first, Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_));
   }
 
-  template <size_t kRays>
-  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
+  HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef ref, const LeafView& leaf, uint32_t first,
+                                   const First& start) {
+    RaySlot& ray = packet.Slot(i);
+    if (ray.primitive != kNoPrimitive) return;
+    const OneOfRays<kPacketRays> rays{packet.columns(), i};
+    KeepAll(ray, ref.bits(), first, Test::Finish(rays, LeafLanes{leaf, first}, start, culling_));
+    if (ray.primitive != kNoPrimitive) packet.columns().limit[i] = kNothingMatters;
+  }
+
+  HWY_ATTR HWY_INLINE void TakeRays(PacketRays& packet, size_t first, ChildRef ref, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
-    const auto suspects = Test::Finish(rays, triangle, start, culling_);
+    RayColumns<kPacketRays>& rays = packet.columns();
+    const auto suspects = Test::Finish(RayLanes<kPacketRays>{rays, first}, triangle, start, culling_);
     HWY_ALIGN float certain_limit[kWidth];
     hn::Store(suspects.certain_limit, d, certain_limit);
     ForEach(d, suspects.mask, [&](uint32_t lane) {
-      RaySlot& ray = slots[lane];
+      RaySlot& ray = packet.Slot(first + lane);
       if (ray.primitive != kNoPrimitive) return;
-      if (certain_limit[lane] < ray.limit) return Found(ray);
-      Keep(ray, {ray.current, triangle.lane});
+      if (certain_limit[lane] < ray.limit) {
+        Found(ray);
+      } else {
+        Keep(ray, {ref.bits(), triangle.lane});
+      }
+      if (ray.primitive != kNoPrimitive) rays.limit[first + lane] = kNothingMatters;
     });
   }
 
-  static float Limit(const RaySlot& ray) { return ray.primitive == kNoPrimitive ? ray.limit : kNothingMatters; }
+  HWY_ATTR void EndRays(PacketRays& packet) { EndSlots(*this, packet); }
 
   void Miss(uint32_t ray) { decider_.Miss(ray); }
 
   HWY_ATTR void End(RaySlot& ray) { decider_.End(ray); }
 
  private:
+  HWY_ATTR HWY_INLINE void KeepAll(RaySlot& ray, uint32_t leaf, uint32_t first, const LeafSuspects<DLeaf>& suspects) {
+    if (hn::GetLane(hn::MinOfLanes(DLeaf(), suspects.certain_limit)) < ray.limit) return Found(ray);
+    ForEach(DLeaf(), suspects.mask, [&](uint32_t lane) { Keep(ray, {leaf, first + lane}); });
+  }
+
   HWY_ATTR HWY_INLINE void Keep(RaySlot& ray, const Suspect& suspect) {
     if (ray.suspect_count == RaySlot::kMaxSuspects && decider_.DecideEarly(ray)) Found(ray);
     if (ray.primitive != kNoPrimitive) return;

@@ -77,9 +77,12 @@ struct OneRay {
   }
 };
 
-// What leaf tests read of the slots of some rays.
+// Rays in the tree's frame in columns, for which RaySlot says more.
 template <size_t kRays>
 struct RayColumns {
+  HWY_ALIGN float inverse[3][kRays];
+  HWY_ALIGN float near_offset[3][kRays];
+  HWY_ALIGN float far_offset[3][kRays];
   HWY_ALIGN float origin[3][kRays];
   HWY_ALIGN float direction[3][kRays];
   HWY_ALIGN float t_min[kRays];
@@ -89,10 +92,17 @@ struct RayColumns {
   HWY_ALIGN float edge_slack[kRays];
   HWY_ALIGN float det_slack[kRays];
   HWY_ALIGN float end_slack[kRays];
+  HWY_ALIGN uint32_t exact[kRays];
   // At kWatertight. Rays whose axes are not in the same order can not be tested together.
+  HWY_ALIGN uint32_t axis[3][kRays];
   HWY_ALIGN float shear[3][kRays];
-  uint32_t axis[3];  // of ray 0
-  bool same_axes;    // true before rays are put, from ray 0 on
+  bool same_axes;
+  // The answers so far, at kFast and kWatertight: those of Hit, but for t's scale.
+  HWY_ALIGN float t[kRays];
+  HWY_ALIGN float u[kRays];
+  HWY_ALIGN float v[kRays];
+  HWY_ALIGN uint32_t primitive[kRays];
+  HWY_ALIGN uint32_t back[kRays];
 };
 
 // Rays from `first` on, one a lane.
@@ -106,13 +116,34 @@ struct RayLanes {
   HWY_ATTR hn::Vec<D> Direction(uint32_t axis) const { return hn::Load(D(), rays.direction[axis] + first); }
   HWY_ATTR hn::Vec<D> TMin() const { return hn::Load(D(), rays.t_min + first); }
   HWY_ATTR hn::Vec<D> Limit() const { return hn::Load(D(), rays.limit + first); }
-  uint32_t Axis(int i) const { return rays.axis[i]; }
+  uint32_t Axis(int i) const { return rays.axis[i][0]; }
   HWY_ATTR hn::Vec<D> Shear(int i) const { return hn::Load(D(), rays.shear[i] + first); }
   HWY_ATTR hn::Vec<D> EdgeSlack() const { return hn::Load(D(), rays.edge_slack + first); }
   HWY_ATTR hn::Vec<D> DetSlack() const { return hn::Load(D(), rays.det_slack + first); }
   HWY_ATTR hn::Vec<D> EndSlack() const { return hn::Load(D(), rays.end_slack + first); }
   HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Excluded() const {
     return hn::Load(hn::RebindToUnsigned<D>(), rays.excluded + first);
+  }
+};
+
+// One of them, in all lanes.
+template <size_t kRays>
+struct OneOfRays {
+  using D = DLeaf;
+  const RayColumns<kRays>& rays;
+  size_t i;
+
+  HWY_ATTR hn::Vec<D> Origin(uint32_t axis) const { return hn::Set(D(), rays.origin[axis][i]); }
+  HWY_ATTR hn::Vec<D> Direction(uint32_t axis) const { return hn::Set(D(), rays.direction[axis][i]); }
+  HWY_ATTR hn::Vec<D> TMin() const { return hn::Set(D(), rays.t_min[i]); }
+  HWY_ATTR hn::Vec<D> Limit() const { return hn::Set(D(), rays.limit[i]); }
+  uint32_t Axis(int k) const { return rays.axis[k][i]; }
+  HWY_ATTR hn::Vec<D> Shear(int k) const { return hn::Set(D(), rays.shear[k][i]); }
+  HWY_ATTR hn::Vec<D> EdgeSlack() const { return hn::Set(D(), rays.edge_slack[i]); }
+  HWY_ATTR hn::Vec<D> DetSlack() const { return hn::Set(D(), rays.det_slack[i]); }
+  HWY_ATTR hn::Vec<D> EndSlack() const { return hn::Set(D(), rays.end_slack[i]); }
+  HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Excluded() const {
+    return hn::Set(hn::RebindToUnsigned<D>(), rays.excluded[i]);
   }
 };
 
@@ -125,6 +156,7 @@ struct OneTriangle {
   HWY_ATTR hn::Vec<D> Corner(int corner, uint32_t axis) const { return hn::Set(D(), leaf.Corner(corner, axis)[lane]); }
   HWY_ATTR hn::Vec<hn::RebindToUnsigned<D>> Ids() const { return hn::Set(hn::RebindToUnsigned<D>(), leaf.ids()[lane]); }
   HWY_ATTR hn::Mask<D> Valid() const { return hn::FirstN(D(), hn::MaxLanes(D())); }
+  uint32_t Primitive() const { return leaf.Primitive(lane); }
 };
 
 // Whether so many of kWidth rays test so many triangles sooner together, triangle by triangle, than each by itself: as

@@ -66,15 +66,6 @@ struct MollerTrumbore {
   }
 };
 
-// What tests that take origins and directions read.
-template <size_t kRays>
-void PutPlace(const RaySlot& ray, size_t i, RayColumns<kRays>& columns) {
-  for (int axis = 0; axis < 3; ++axis) {
-    columns.origin[axis][i] = ray.origin[axis];
-    columns.direction[axis][i] = ray.direction[axis];
-  }
-}
-
 // Lanes of which the sign bit is set.
 template <class D>
 HWY_ATTR HWY_INLINE hn::Mask<D> IsNegative(D d, hn::Vec<D> x) {
@@ -90,8 +81,8 @@ HWY_ATTR HWY_INLINE hn::Mask<D> NotCulled(D d, Culling culling, hn::Mask<D> back
 
 // Each level is a test in two steps: the first one finds the lanes that may be hit, mostly none; the second one, which
 // takes what the first one found out, is for the rare ones that are. `Rays` and `Triangles` are OneRay and LeafLanes,
-// or RayLanes and OneTriangle: the same operations on each pair, and so the same bits. Put copies what the level reads
-// of a slot, all columns' limit and t_min aside, to lane i.
+// or RayLanes and OneTriangle: the same operations on each pair, and so the same bits. SetUp works out what only
+// this level needs of a ray, or of many.
 
 // Determinants below this count as 0 in float: their inverses may be infinite, and infinity times 0 no number.
 constexpr float kLeastDeterminant = 0x1p-126f;
@@ -122,10 +113,9 @@ struct FastTest {
   };
 
   HWY_ATTR static void SetUp(RaySlot&) {}
-
   template <size_t kRays>
-  static void Put(const RaySlot& ray, size_t i, RayColumns<kRays>& columns) {
-    PutPlace(ray, i, columns);
+  static void SetUp(RayColumns<kRays>& rays) {
+    rays.same_axes = true;
   }
 
   template <typename Rays, typename Triangles, class D = typename Rays::D>
@@ -180,13 +170,39 @@ struct WatertightTest {
     ray.shear[1] = ray.direction[ray.axis[1]] * ray.shear[2];
   }
 
+  // The same for each.
   template <size_t kRays>
-  static void Put(const RaySlot& ray, size_t i, RayColumns<kRays>& columns) {
-    for (int axis = 0; axis < 3; ++axis) {
-      columns.origin[axis][i] = ray.origin[axis];
-      columns.shear[axis][i] = ray.shear[axis];
-      if (i == 0) columns.axis[axis] = ray.axis[axis];
-      columns.same_axes &= ray.axis[axis] == columns.axis[axis];
+  HWY_ATTR static HWY_INLINE void SetUp(RayColumns<kRays>& rays) {
+    const DNode d;
+    const DNodeUint du;
+    rays.same_axes = true;
+    for (size_t first = 0; first < kRays; first += kWidth) {
+      const auto dx = hn::Load(d, rays.direction[0] + first), dy = hn::Load(d, rays.direction[1] + first),
+                 dz = hn::Load(d, rays.direction[2] + first);
+      const auto x = hn::Abs(dx), y = hn::Abs(dy), z = hn::Abs(dz);
+      const auto z_is = hn::And(hn::Ge(z, x), hn::Ge(z, y)), y_is = hn::AndNot(z_is, hn::Gt(y, x));
+      const auto if_last = [&](auto x_value, auto y_value, auto z_value) HWY_ATTR {
+        const hn::DFromV<decltype(x_value)> dv;
+        return hn::IfThenElse(hn::RebindMask(dv, z_is), z_value,
+                              hn::IfThenElse(hn::RebindMask(dv, y_is), y_value, x_value));
+      };
+      const auto turned = hn::Lt(if_last(dx, dy, dz), hn::Zero(d));
+      const auto next = if_last(dy, dz, dx), after = if_last(dz, dx, dy);
+      const auto shear = if_last(hn::Load(d, rays.inverse[0] + first), hn::Load(d, rays.inverse[1] + first),
+                                 hn::Load(d, rays.inverse[2] + first));
+      hn::Store(hn::Mul(hn::IfThenElse(turned, after, next), shear), d, rays.shear[0] + first);
+      hn::Store(hn::Mul(hn::IfThenElse(turned, next, after), shear), d, rays.shear[1] + first);
+      hn::Store(shear, d, rays.shear[2] + first);
+      const auto axis0 = hn::Zero(du), axis1 = hn::Set(du, 1), axis2 = hn::Set(du, 2);
+      const auto next_axis = if_last(axis1, axis2, axis0), axis_after = if_last(axis2, axis0, axis1);
+      const auto turned_u = hn::RebindMask(du, turned);
+      const auto put = [&](int i, auto axis) HWY_ATTR {
+        hn::Store(axis, du, rays.axis[i] + first);
+        rays.same_axes &= hn::AllTrue(du, hn::Eq(axis, hn::Set(du, rays.axis[i][0])));
+      };
+      put(0, hn::IfThenElse(turned_u, axis_after, next_axis));
+      put(1, hn::IfThenElse(turned_u, next_axis, axis_after));
+      put(2, if_last(axis0, axis1, axis2));
     }
   }
 

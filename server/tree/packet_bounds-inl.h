@@ -15,14 +15,12 @@
 
 #include "hwy/highway.h"
 #include "server/tree/node_test-inl.h"
+#include "server/tree/packet_rays-inl.h"
 #include "server/tree/ray_setup-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace deltaray {
 namespace HWY_NAMESPACE {
-
-// Rays of a packet.
-constexpr size_t kPacketRays = 16;
 
 // An interval of rays [Boulos 2006]: it enters every box that one of them does.
 template <typename Setup>
@@ -69,7 +67,7 @@ class PacketBounds {
     if (!(main_least >= Setup::kLeastDirection && greatest_of_all < Setup::kGreatestDirection)) return false;
     exponent_ = Setup::ExponentOf(main_least);
     const V4 direction_scale = hn::Set(d4, Setup::DirectionScale(exponent_));
-    origin_low = setup.TimesScale(origin_low), origin_high = setup.TimesScale(origin_high);
+    origin_low = Setup::Times(origin_low, setup.scale()), origin_high = Setup::Times(origin_high, setup.scale());
     direction_low = hn::Mul(direction_low, direction_scale), direction_high = hn::Mul(direction_high, direction_scale);
     // Components that count as 0 count as upward too.
     if (any(hn::And(negative, hn::Gt(direction_high, hn::Set(d4, -kLeastComponent))))) return false;

@@ -17,6 +17,7 @@
 #include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
 #include "server/tree/packet_bounds-inl.h"
+#include "server/tree/packet_rays-inl.h"
 #include "server/tree/queries-inl.h"
 #include "server/tree/ray_kernels.h"
 #include "server/tree/ray_setup-inl.h"
@@ -39,7 +40,8 @@ class PacketTraversal {
       : base_(scene.arrays.block.data()),
         query_(query),
         setup_(scene.arrays),
-        scratch_(StackEntries(scene.arrays.levels), 1, kPacketRays) {}
+        scratch_(StackEntries(scene.arrays.levels), 1, kPacketRays),
+        packet_(scratch_.slots()) {}
 
   enum class Outcome : uint8_t {
     kTraced,
@@ -53,10 +55,10 @@ class PacketTraversal {
     if (!bounds_.Find(rays, setup_, always)) return Outcome::kRefused;
     given_ = rays;
     first_ = first;
-    rays_are_set_up_ = columns_are_full_ = false;
+    rays_are_set_up_ = false;
     if (!Traverse(always)) return Outcome::kGaveUp;
     if (rays_are_set_up_) {
-      for (size_t i = 0; i < kPacketRays; ++i) EndRay(query_, slots()[i]);
+      query_.EndRays(packet_);
     } else {
       for (uint32_t i = 0; i < kPacketRays; ++i) query_.Miss(first + i);
     }
@@ -64,35 +66,13 @@ class PacketTraversal {
   }
 
  private:
-  RaySlot* slots() { return scratch_.slots(); }
-
-  // Fills the slots and columns of all rays: not before one has come to a leaf.
-  HWY_ATTR void SetUpRays() {
+  // Sets up all rays: not before one has come to a leaf.
+  HWY_ATTR HWY_INLINE void SetUpRays() {
+    if (HWY_LIKELY(rays_are_set_up_)) return;
     rays_are_set_up_ = true;
-    for (size_t i = 0; i < kPacketRays; ++i) {
-      RaySlot& slot = slots()[i];
-      slot.ray = first_ + static_cast<uint32_t>(i);
-      // None is odd, by PacketBounds.
-      const bool traced = setup_.Make(given_[i], bounds_.exponent(), slot) == Setup::Kind::kTraced;
-      Query::SetUp(slot);
-      for (int axis = 0; axis < 3; ++axis) {
-        inverse_[axis][i] = slot.inverse[axis];
-        near_offset_[axis][i] = slot.near_offset[axis];
-        far_offset_[axis][i] = slot.far_offset[axis];
-      }
-      rays_.t_min[i] = slot.t_min;
-      rays_.limit[i] = traced ? slot.limit : kNothingMatters;
-    }
-  }
-
-  // Fills the rest of the columns where rays test a leaf together for the first time, and tells whether they can.
-  HWY_ATTR HWY_INLINE bool CanTestTogether() {
-    if (HWY_UNLIKELY(!columns_are_full_)) {
-      columns_are_full_ = true;
-      rays_.same_axes = true;
-      for (size_t i = 0; i < kPacketRays; ++i) Query::Test::Put(slots()[i], i, rays_);
-    }
-    return rays_.same_axes;
+    // None is odd, by PacketBounds.
+    packet_.SetUp(setup_, given_, first_, bounds_.exponent());
+    Query::Test::SetUp(packet_.columns());
   }
 
   // False: gave up.
@@ -139,7 +119,8 @@ class PacketTraversal {
   // Lets the rays that meet the leaf's box test it, and returns how many do.
   HWY_ATTR HWY_INLINE uint32_t VisitLeaf(ChildRef leaf, uint32_t parent) {
     const DNode d;
-    if (HWY_UNLIKELY(!rays_are_set_up_)) SetUpRays();
+    SetUpRays();
+    const RayColumns<kPacketRays>& rays = packet_.columns();
     const std::byte* const node = base_ + parent * kUnitBytes;
     // Which child of its parent the leaf is, tells where its box is.
     const hn::RebindToUnsigned<DNode> du;
@@ -153,64 +134,57 @@ class PacketTraversal {
                 far_z = face(2, kUnitBytes - bounds_.flip(2));
     const LeafView view{reinterpret_cast<const float*>(base_ + leaf.offset() * kUnitBytes), leaf.triangles()};
     uint32_t tests = 0;
-    bool closer = false;
+    bool may_be_closer = false;
     for (size_t first = 0; first < kPacketRays; first += kWidth) {
       const auto cross = [&](VNode plane, int axis, const float* offset) HWY_ATTR {
-        return hn::MulAdd(plane, hn::Load(d, inverse_[axis] + first), hn::Load(d, offset + first));
+        return hn::MulAdd(plane, hn::Load(d, rays.inverse[axis] + first), hn::Load(d, offset + first));
       };
-      const VNode near = hn::Max(hn::Max(cross(near_x, 0, near_offset_[0]), cross(near_y, 1, near_offset_[1])),
-                                 hn::Max(cross(near_z, 2, near_offset_[2]), hn::Load(d, rays_.t_min + first)));
-      const VNode far = hn::Min(hn::Min(cross(far_x, 0, far_offset_[0]), cross(far_y, 1, far_offset_[1])),
-                                hn::Min(cross(far_z, 2, far_offset_[2]), hn::Load(d, rays_.limit + first)));
+      const VNode near = hn::Max(hn::Max(cross(near_x, 0, rays.near_offset[0]), cross(near_y, 1, rays.near_offset[1])),
+                                 hn::Max(cross(near_z, 2, rays.near_offset[2]), hn::Load(d, rays.t_min + first)));
+      const VNode far = hn::Min(hn::Min(cross(far_x, 0, rays.far_offset[0]), cross(far_y, 1, rays.far_offset[1])),
+                                hn::Min(cross(far_z, 2, rays.far_offset[2]), hn::Load(d, rays.limit + first)));
       const auto met = hn::Le(near, far);
       const auto count = static_cast<uint32_t>(hn::CountTrue(d, met));
       tests += count;
-      const bool together = PaysTogether(count, view.count) && CanTestTogether();
-      closer |= together ? TestTogether(leaf, view, first, met) : TestApart(leaf, view, first, met);
+      const bool together = PaysTogether(count, view.count) && rays.same_axes;
+      may_be_closer |= together ? TestTogether(leaf, view, first, met) : TestApart(leaf, view, first, met);
     }
-    if (closer) UpdateLimit();
+    if (may_be_closer) UpdateLimit();
     return tests;
   }
 
-  // Lets each of the rays in the lanes `met`, from `first` on, test a leaf. Whether a limit has become lower.
+  // Lets each of the rays in the lanes `met`, from `first` on, test a leaf. Whether there may be hits.
   HWY_ATTR HWY_INLINE bool TestApart(ChildRef leaf, const LeafView& view, size_t first, hn::Mask<DNode> met) {
     // Rays with hits are set aside, so that no branch is taken per ray.
     size_t hit_count = 0;
     ForEach(DNode(), met, [&](uint32_t lane) HWY_ATTR {
       for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
         LeafHit& hit = hits_[hit_count];
-        hit.start = Query::Test::Start(OneRay{slots()[first + lane]}, LeafLanes{view, part});
+        hit.start = Query::Test::Start(OneOfRays<kPacketRays>{packet_.columns(), first + lane}, LeafLanes{view, part});
         hit.ray = static_cast<uint32_t>(first + lane);
         hit.first = part;
         hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
       }
     });
-    bool closer = false;
     for (size_t i = 0; i < hit_count; ++i) {
-      const LeafHit& hit = hits_[i];
-      RaySlot& ray = slots()[hit.ray];
-      ray.current = leaf.bits();
-      query_.Take(ray, view, hit.first, hit.start);
-      closer |= NoteLimit(hit.ray);
+      query_.TakeOne(packet_, hits_[i].ray, leaf, view, hits_[i].first, hits_[i].start);
     }
-    return closer;
+    return hit_count > 0;
   }
 
-  // The same, all rays together, one triangle after the other. REQUIRES: CanTestTogether().
+  // The same, all rays together, one triangle after the other. REQUIRES: the rays' axes are the same.
   HWY_ATTR HWY_INLINE bool TestTogether(ChildRef leaf, const LeafView& view, size_t first, hn::Mask<DNode> met) {
     const DNode d;
-    const RayLanes<kPacketRays> rays{rays_, first};
-    bool closer = false;
+    bool any = false;
     for (uint32_t lane = 0; lane < view.count; ++lane) {
       const OneTriangle triangle{view, lane};
-      auto start = Query::Test::Start(rays, triangle);
+      auto start = Query::Test::Start(RayLanes<kPacketRays>{packet_.columns(), first}, triangle);
       start.mask = hn::And(start.mask, met);
       if (hn::AllFalse(d, start.mask)) continue;
-      ForEach(d, start.mask, [&](uint32_t i) { slots()[first + i].current = leaf.bits(); });
-      query_.TakeRays(slots() + first, rays, triangle, start);
-      ForEach(d, start.mask, [&](uint32_t i) { closer |= NoteLimit(first + i); });
+      any = true;
+      query_.TakeRays(packet_, first, leaf, triangle, start);
     }
-    return closer;
+    return any;
   }
 
   // A ray that a leaf, or a part of one, has hits for.
@@ -219,17 +193,11 @@ class PacketTraversal {
     uint32_t ray, first;
   };
 
-  // Takes over the limit of a ray. Whether it has become lower.
-  bool NoteLimit(size_t ray) {
-    const float before = rays_.limit[ray];
-    rays_.limit[ray] = Query::Limit(slots()[ray]);
-    return rays_.limit[ray] < before;
-  }
-
   HWY_ATTR HWY_INLINE void UpdateLimit() {
     const DNode d;
-    VNode greatest = hn::Load(d, rays_.limit);
-    for (size_t i = kWidth; i < kPacketRays; i += kWidth) greatest = hn::Max(greatest, hn::Load(d, rays_.limit + i));
+    const float* const limit = packet_.columns().limit;
+    VNode greatest = hn::Load(d, limit);
+    for (size_t i = kWidth; i < kPacketRays; i += kWidth) greatest = hn::Max(greatest, hn::Load(d, limit + i));
     bounds_.SetLimit(hn::GetLane(hn::MaxOfLanes(d, greatest)));
   }
 
@@ -243,13 +211,9 @@ class PacketTraversal {
 
   std::span<const Ray> given_;
   uint32_t first_ = 0;
-  bool rays_are_set_up_ = false, columns_are_full_ = false;
+  bool rays_are_set_up_ = false;
   PacketBounds<Setup> bounds_;
-  // Of each ray.
-  HWY_ALIGN float inverse_[3][kPacketRays];
-  HWY_ALIGN float near_offset_[3][kPacketRays];
-  HWY_ALIGN float far_offset_[3][kPacketRays];
-  RayColumns<kPacketRays> rays_;
+  PacketRays packet_;
   // One more than there can be: the next one is written in advance.
   LeafHit hits_[kWidth * kLeafParts + 1];
 };

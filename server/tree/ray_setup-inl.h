@@ -73,8 +73,11 @@ class RaySetup {
   }
   // What t is scaled by.
   double TScale(int exponent) const { return PowerOfTwo(exponent + scale_exponent_); }
+  // What the ray's t are, of those of the frame.
+  double TUnscale(int exponent) const { return PowerOfTwo(-exponent - scale_exponent_); }
   // What coordinates are scaled by.
   double scale() const { return scale_; }
+  bool exact_corners() const { return exact_corners_; }
 
   // The greatest magnitude of the first three lanes.
   HWY_ATTR static HWY_INLINE float Greatest(VF x) {
@@ -83,23 +86,43 @@ class RaySetup {
     return hn::GetLane(hn::Max(yzx, hn::Shuffle1032(magnitude)));
   }
 
-  // x * 2^scale_exponent_, rounded once: a power of two that float lacks is one of double.
-  HWY_ATTR HWY_INLINE VF TimesScale(VF x) const {
-    const DF d;
-    if (HWY_LIKELY(scale_exponent_ > -100 && scale_exponent_ < 100))
-      return hn::Mul(x, hn::Set(d, static_cast<float>(scale_)));
-    HWY_ALIGN float lanes[4];
+  // x times a power of two, which float may lack, rounded once.
+  template <class V>
+  HWY_ATTR static HWY_INLINE V Times(V x, double power) {
+    const hn::DFromV<V> d;
+    if (HWY_LIKELY(power > 0x1p-100 && power < 0x1p100)) return hn::Mul(x, hn::Set(d, static_cast<float>(power)));
+    HWY_ALIGN float lanes[hn::MaxLanes(d)];
     hn::Store(x, d, lanes);
-    for (float& lane : lanes) lane = static_cast<float>(lane * scale_);
+    for (float& lane : lanes) lane = static_cast<float>(lane * power);
     return hn::Load(d, lanes);
   }
 
   // Of directions' components; those that count as 0 have a finite one too.
-  HWY_ATTR static HWY_INLINE VF Inverse(VF direction) {
-    const DF d;
+  template <class V>
+  HWY_ATTR static HWY_INLINE V Inverse(V direction) {
+    const hn::DFromV<V> d;
     const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
     return hn::IfThenElse(tiny, hn::Set(d, 1 / kLeastComponent), hn::Div(hn::Set(d, 1.0f), direction));
   }
+
+  // How much a slab's ends are set apart, with that inverse, for a ray of that reach.
+  template <class V>
+  HWY_ATTR static HWY_INLINE V Pad(V direction, V inverse, V reach) {
+    const hn::DFromV<V> d;
+    const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
+    return hn::MulAdd(hn::Mul(reach, hn::Set(d, 0x1p-21f)), hn::Abs(inverse),
+                      hn::IfThenElseZero(tiny, hn::Mul(hn::Set(d, 4.0f), reach)));
+  }
+
+  // Whether x, times a power of two, may have lost bits.
+  template <class V>
+  HWY_ATTR static HWY_INLINE hn::Mask<hn::DFromV<V>> MayHaveRounded(V x, V scaled) {
+    const hn::DFromV<V> d;
+    return hn::And(hn::Lt(hn::Abs(scaled), hn::Set(d, 0x1p-126f)), hn::Ne(x, hn::Zero(d)));
+  }
+
+  // Error bounds of the leaf test at kExact, for a direction of length 1; see README.md.
+  static constexpr float kEdgeSlack = 40 * 0x1p-24f, kDetSlack = 16 * 0x1p-24f, kEndSlack = 20 * 0x1p-24f;
 
   // The same with directions scaled by 2^-exponent, which brings the greatest component to at least 1.
   HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, int exponent, RaySlot& slot) const {
@@ -110,21 +133,19 @@ class RaySetup {
     // 1. Scale.
     const VF given_direction = hn::LoadU(d, &ray.direction.x), given_origin = hn::LoadU(d, &ray.origin.x);
     const VF direction = hn::Mul(given_direction, hn::Set(d, DirectionScale(exponent)));
-    const VF origin = TimesScale(given_origin);
+    const VF origin = Times(given_origin, scale_);
     const float farthest = Greatest(origin);
     if (HWY_UNLIKELY(!(farthest <= kFarthestOrigin))) return Kind::kOdd;
     // No point of the mesh is farther from the origin along any axis than `reach`; so no t in the mesh is beyond it.
     const float reach = farthest + 1;
     const double t_scale = TScale(exponent);
-    slot.t_unscale = PowerOfTwo(-exponent - scale_exponent_);
+    slot.t_unscale = TUnscale(exponent);
     const float t_min = ScaledEnd(ray.t_min, t_scale), t_max = ScaledEnd(ray.t_max, t_scale);
 
     // 2. Slabs, widened; see README.md.
-    const auto tiny = hn::Lt(hn::Abs(direction), hn::Set(d, kLeastComponent));
     const VF inverse = Inverse(direction);
     const VF centre = hn::Neg(hn::Mul(origin, inverse));
-    const VF pad =
-        hn::MulAdd(hn::Set(d, reach * 0x1p-21f), hn::Abs(inverse), hn::IfThenElseZero(tiny, hn::Set(d, 4 * reach)));
+    const VF pad = Pad(direction, inverse, hn::Set(d, reach));
     hn::StoreU(inverse, d, slot.inverse);
     hn::StoreU(hn::Sub(centre, pad), d, slot.near_offset);
     hn::StoreU(hn::Add(centre, pad), d, slot.far_offset);
@@ -142,9 +163,9 @@ class RaySetup {
     // 3. Error bounds of the leaf test at kExact; see README.md.
     if (!kExact) return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
     const float length = std::abs(slot.direction[0]) + std::abs(slot.direction[1]) + std::abs(slot.direction[2]);
-    slot.edge_slack = 40 * 0x1p-24f * length;
-    slot.det_slack = 16 * 0x1p-24f * length;
-    slot.end_slack = 20 * 0x1p-24f * length;
+    slot.edge_slack = kEdgeSlack * length;
+    slot.det_slack = kDetSlack * length;
+    slot.end_slack = kEndSlack * length;
     // Products with powers of two lose bits only below 2^-126.
     const auto rounded =
         hn::And(xyz, hn::Or(MayHaveRounded(given_direction, direction), MayHaveRounded(given_origin, origin)));
@@ -158,10 +179,6 @@ class RaySetup {
 
   static float ScaledEnd(float t, double scale) { return static_cast<float>(t * scale); }
 
-  HWY_ATTR static HWY_INLINE hn::Mask<DF> MayHaveRounded(VF x, VF scaled) {
-    const DF d;
-    return hn::And(hn::Lt(hn::Abs(scaled), hn::Set(d, 0x1p-126f)), hn::Ne(x, hn::Zero(d)));
-  }
   static bool MayHaveRounded(float x, float scaled) { return std::abs(scaled) < 0x1p-126f && x != 0; }
 
   const int scale_exponent_;

@@ -12,6 +12,7 @@
 #include "hwy/highway.h"
 #include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/leaf_recorder.h"
+#include "server/tree/packet_rays-inl.h"
 #include "server/tree/ray_slot.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -40,12 +41,15 @@ class RecordingQuery {
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     query_.Take(ray, leaf, first, start);
   }
-  template <size_t kRays>
-  HWY_ATTR HWY_INLINE void TakeRays(RaySlot* slots, const RayLanes<kRays>& rays, const OneTriangle& triangle,
-                                    const FirstOfRays& start) {
-    query_.TakeRays(slots, rays, triangle, start);
+  HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef ref, const LeafView& leaf, uint32_t first,
+                                   const First& start) {
+    query_.TakeOne(packet, i, ref, leaf, first, start);
   }
-  static float Limit(const RaySlot& ray) { return Query::Limit(ray); }
+  HWY_ATTR HWY_INLINE void TakeRays(PacketRays& packet, size_t first, ChildRef ref, const OneTriangle& triangle,
+                                    const FirstOfRays& start) {
+    query_.TakeRays(packet, first, ref, triangle, start);
+  }
+  HWY_ATTR void EndRays(PacketRays& packet) { query_.EndRays(packet); }
   void Miss(uint32_t ray) { query_.Miss(ray); }
   HWY_ATTR void End(RaySlot& ray) { query_.End(ray); }
 
