@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <new>
 #include <span>
 #include <vector>
 
@@ -91,11 +92,11 @@ class BatchTraversal {
         const RaySlot& ray = *leaves[i];
         const LeafView leaf = ViewOf(ray);
         for (uint32_t first = 0; first < leaf.count; first += kLeafLanes) {
-          LeafHit& hit = hits_[hit_count];
-          hit.start = Test::Start(OneRay{ray}, LeafLanes{leaf, first});
-          hit.ray = leaves[i];
-          hit.first = first;
-          hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
+          // In place: where it is assigned, registers that are wider than those that it was written by copy it, and
+          // wait until all of that is in the cache.
+          const auto* const hit =
+              new (&hits_[hit_count]) LeafHit{Test::Start(OneRay{ray}, LeafLanes{leaf, first}), leaves[i], first};
+          hit_count += !hn::AllFalse(DLeaf(), hit->start.mask);
         }
       }
       for (size_t i = 0; i < hit_count; ++i) {

@@ -11,6 +11,7 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <new>
 #include <span>
 
 #include "hwy/highway.h"
@@ -159,11 +160,11 @@ class PacketTraversal {
     size_t hit_count = 0;
     ForEach(DNode(), met, [&](uint32_t lane) HWY_ATTR {
       for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
-        LeafHit& hit = hits_[hit_count];
-        hit.start = Query::Test::Start(OneOfRays<kPacketRays>{packet_.columns(), first + lane}, LeafLanes{view, part});
-        hit.ray = static_cast<uint32_t>(first + lane);
-        hit.first = part;
-        hit_count += !hn::AllFalse(DLeaf(), hit.start.mask);
+        // In place, as in BatchTraversal.
+        const OneOfRays<kPacketRays> ray{packet_.columns(), first + lane};
+        const auto* const hit = new (&hits_[hit_count])
+            LeafHit{Query::Test::Start(ray, LeafLanes{view, part}), static_cast<uint32_t>(first + lane), part};
+        hit_count += !hn::AllFalse(DLeaf(), hit->start.mask);
       }
     });
     for (size_t i = 0; i < hit_count; ++i) {
