@@ -11,6 +11,7 @@
 #include "client/exit_code.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
+#include "client/text_table.h"
 
 namespace deltaray {
 namespace {
@@ -36,6 +37,10 @@ void AddCommands(CLI::App& app, CommandRun& run) {
 void AddGlobalFlags(CLI::App& app, Session& session) {
   app.add_option("--server", session.server, "Address of deltarayd")
       ->envname("DELTARAY_SERVER")
+      ->check([](const std::string& address) {
+        // gRPC would try that of HTTPS.
+        return address.find(':') == std::string::npos ? absl::StrCat("'", address, "' has no port") : std::string();
+      })
       ->type_name("HOST:PORT")
       ->capture_default_str();
   app.add_option("--timeout", session.timeout_seconds,
@@ -73,6 +78,10 @@ int RunCommandLine(int argc, const char* const* argv, Session& session) {
     std::ostringstream output;
     std::ostringstream messages;
     const int code = app.exit(error, output, messages);
+    if (code != 0 && app.get_subcommands().empty() && !app.remaining().empty()) {
+      messages.str(absl::StrCat("There is no command '", Printable(app.remaining().front()),
+                                "'\nRun with --help for more information.\n"));
+    }
     // Where even this cannot be written, there is nowhere left to say so.
     (void)WriteOutput(session.output, output.str());
     (void)WriteOutput(session.messages, messages.str());

@@ -418,7 +418,9 @@ TEST(CommandLineTest, UsageErrors) {
   EXPECT_EQ(session.Run({"list", "--format", "xml"}), 2);
   EXPECT_EQ(session.Run({"list", "--timeout", "0"}), 2);
   EXPECT_EQ(session.TakeOutput(), "");
-  EXPECT_NE(session.TakeMessages(), "");
+  EXPECT_THAT(session.TakeMessages(), HasSubstr("There is no command 'fly'"));
+  EXPECT_EQ(session.Run({"--server", "somewhere", "list"}), 2);
+  EXPECT_THAT(session.TakeMessages(), HasSubstr("--server: 'somewhere' has no port"));
 }
 
 TEST(CommandLineTest, EveryHelpHasAnExample) {
