@@ -10,9 +10,8 @@ void AddRayFlags(CLI::App& command, v1::RayQuery& query) {
       "Side of the triangles to ignore [none]");
   command.add_option_function<float>(
       "--t-min", [&query](const float& t) { query.set_t_min(t); },
-      "Start of the interval of t, inclusive, for rays without one of their own; the exact t of a hit counts, of which "
-      "the "
-      "one printed is rounded [0]");
+      "Start of the interval of t, inclusive, for rays without one of their own; the exact "
+      "t of a hit counts, of which the one printed is rounded [0]");
   command.add_option_function<float>(
       "--t-max", [&query](const float& t) { query.set_t_max(t); },
       "End of the interval of t, inclusive, likewise [inf]");

@@ -39,6 +39,7 @@ size_t RayBytes(v1::RayLayout layout);
 //  - Each line has all fields; spaces around them are ignored. Origin and direction are finite, t_min and t_max not NaN
 //    ("inf" and "-inf" are taken).
 //  - Empty lines and lines that begin with '#' are skipped. LF and CR LF end lines; a line has at most 4095 bytes.
+//  - A byte order mark at the beginning is skipped.
 // The rays are sent as float64. Reads the file's beginning to learn the layout.
 absl::StatusOr<std::unique_ptr<RayReader>> OpenCsvRays(InputFile file);
 

@@ -146,7 +146,7 @@ class BatchTraversal {
       switch (setup_.Make(rays_[slot.ray], slot)) {
         case Setup::Kind::kTraced:
           slot.current = ChildRef::Node(0).bits();
-          Query::SetUp(slot);
+          Test::SetUp(slot);
           return true;
         case Setup::Kind::kMisses:
           query_.Miss(slot.ray);

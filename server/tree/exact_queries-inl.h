@@ -20,6 +20,7 @@
 #include "server/tree/queries-inl.h"
 #include "server/tree/ray_setup-inl.h"
 #include "server/tree/suspects.h"
+#include "server/tree/wide_node.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace deltaray {
@@ -57,8 +58,6 @@ class ExactClosestQuery {
   // Decides what is still in the queue. REQUIRES: called once all rays have ended.
   HWY_ATTR void Finish() { queue_.Flush(); }
 
-  HWY_ATTR static void SetUp(RaySlot&) {}
-
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     KeepAll(ray, ray.current, first, Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_));
   }
@@ -66,7 +65,7 @@ class ExactClosestQuery {
   HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef ref, const LeafView& leaf, uint32_t first,
                                    const First& start) {
     RaySlot& ray = packet.Slot(i);
-    const OneOfRays<kPacketRays> rays{packet.columns(), i};
+    const OneOfRays rays{packet.columns(), i};
     KeepAll(ray, ref.bits(), first, Test::Finish(rays, LeafLanes{leaf, first}, start, culling_));
     packet.columns().limit[i] = ray.limit;
   }
@@ -74,8 +73,8 @@ class ExactClosestQuery {
   HWY_ATTR HWY_INLINE void TakeRays(PacketRays& packet, size_t first, ChildRef ref, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
-    RayColumns<kPacketRays>& rays = packet.columns();
-    const auto suspects = Test::Finish(RayLanes<kPacketRays>{rays, first}, triangle, start, culling_);
+    RayColumns& rays = packet.columns();
+    const auto suspects = Test::Finish(RayLanes{rays, first}, triangle, start, culling_);
     HWY_ALIGN float t[kWidth], certain_limit[kWidth];
     hn::Store(suspects.t, d, t), hn::Store(suspects.certain_limit, d, certain_limit);
     ForEach(d, suspects.mask, [&](uint32_t lane) {
@@ -141,8 +140,6 @@ class ExactAnyQuery {
 
   ExactAnyQuery(Culling culling, AnyDecider& decider) : culling_(culling), decider_(decider) {}
 
-  HWY_ATTR static void SetUp(RaySlot&) {}
-
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     if (ray.primitive != kNoPrimitive) return;
     KeepAll(ray, ray.current, first, Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, culling_));
@@ -152,7 +149,7 @@ class ExactAnyQuery {
                                    const First& start) {
     RaySlot& ray = packet.Slot(i);
     if (ray.primitive != kNoPrimitive) return;
-    const OneOfRays<kPacketRays> rays{packet.columns(), i};
+    const OneOfRays rays{packet.columns(), i};
     KeepAll(ray, ref.bits(), first, Test::Finish(rays, LeafLanes{leaf, first}, start, culling_));
     if (ray.primitive != kNoPrimitive) packet.columns().limit[i] = kNothingMatters;
   }
@@ -160,8 +157,8 @@ class ExactAnyQuery {
   HWY_ATTR HWY_INLINE void TakeRays(PacketRays& packet, size_t first, ChildRef ref, const OneTriangle& triangle,
                                     const FirstOfRays& start) {
     const DNode d;
-    RayColumns<kPacketRays>& rays = packet.columns();
-    const auto suspects = Test::Finish(RayLanes<kPacketRays>{rays, first}, triangle, start, culling_);
+    RayColumns& rays = packet.columns();
+    const auto suspects = Test::Finish(RayLanes{rays, first}, triangle, start, culling_);
     HWY_ALIGN float certain_limit[kWidth];
     hn::Store(suspects.certain_limit, d, certain_limit);
     ForEach(d, suspects.mask, [&](uint32_t lane) {
@@ -214,8 +211,6 @@ class CollectQuery {
   static constexpr bool kOrdered = true;
 
   explicit CollectQuery(Collector& collector) : collector_(collector) {}
-
-  HWY_ATTR static void SetUp(RaySlot&) {}
 
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     const auto suspects = Test::Finish(OneRay{ray}, LeafLanes{leaf, first}, start, Culling::kNone);

@@ -77,39 +77,40 @@ struct OneRay {
   }
 };
 
-// Rays in the tree's frame in columns, for which RaySlot says more.
-template <size_t kRays>
+// Rays of a packet.
+constexpr size_t kPacketRays = 16;
+
+// Those rays in the tree's frame, in columns; RaySlot says what they mean.
 struct RayColumns {
-  HWY_ALIGN float inverse[3][kRays];
-  HWY_ALIGN float near_offset[3][kRays];
-  HWY_ALIGN float far_offset[3][kRays];
-  HWY_ALIGN float origin[3][kRays];
-  HWY_ALIGN float direction[3][kRays];
-  HWY_ALIGN float t_min[kRays];
-  HWY_ALIGN float limit[kRays];
-  HWY_ALIGN uint32_t excluded[kRays];
+  HWY_ALIGN float inverse[3][kPacketRays];
+  HWY_ALIGN float near_offset[3][kPacketRays];
+  HWY_ALIGN float far_offset[3][kPacketRays];
+  HWY_ALIGN float origin[3][kPacketRays];
+  HWY_ALIGN float direction[3][kPacketRays];
+  HWY_ALIGN float t_min[kPacketRays];
+  HWY_ALIGN float limit[kPacketRays];
+  HWY_ALIGN uint32_t excluded[kPacketRays];
   // At kExact.
-  HWY_ALIGN float edge_slack[kRays];
-  HWY_ALIGN float det_slack[kRays];
-  HWY_ALIGN float end_slack[kRays];
-  HWY_ALIGN uint32_t exact[kRays];
+  HWY_ALIGN float edge_slack[kPacketRays];
+  HWY_ALIGN float det_slack[kPacketRays];
+  HWY_ALIGN float end_slack[kPacketRays];
+  HWY_ALIGN uint32_t exact[kPacketRays];
   // At kWatertight. Rays whose axes are not in the same order can not be tested together.
-  HWY_ALIGN uint32_t axis[3][kRays];
-  HWY_ALIGN float shear[3][kRays];
-  bool same_axes;
+  HWY_ALIGN uint32_t axis[3][kPacketRays];
+  HWY_ALIGN float shear[3][kPacketRays];
+  bool same_axes = true;
   // The answers so far, at kFast and kWatertight: those of Hit, but for t's scale.
-  HWY_ALIGN float t[kRays];
-  HWY_ALIGN float u[kRays];
-  HWY_ALIGN float v[kRays];
-  HWY_ALIGN uint32_t primitive[kRays];
-  HWY_ALIGN uint32_t back[kRays];
+  HWY_ALIGN float t[kPacketRays];
+  HWY_ALIGN float u[kPacketRays];
+  HWY_ALIGN float v[kPacketRays];
+  HWY_ALIGN uint32_t primitive[kPacketRays];
+  HWY_ALIGN uint32_t back[kPacketRays];
 };
 
 // Rays from `first` on, one a lane.
-template <size_t kRays>
 struct RayLanes {
   using D = DNode;
-  const RayColumns<kRays>& rays;
+  const RayColumns& rays;
   size_t first;
 
   HWY_ATTR hn::Vec<D> Origin(uint32_t axis) const { return hn::Load(D(), rays.origin[axis] + first); }
@@ -127,10 +128,9 @@ struct RayLanes {
 };
 
 // One of them, in all lanes.
-template <size_t kRays>
 struct OneOfRays {
   using D = DLeaf;
-  const RayColumns<kRays>& rays;
+  const RayColumns& rays;
   size_t i;
 
   HWY_ATTR hn::Vec<D> Origin(uint32_t axis) const { return hn::Set(D(), rays.origin[axis][i]); }

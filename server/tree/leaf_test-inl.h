@@ -80,9 +80,9 @@ HWY_ATTR HWY_INLINE hn::Mask<D> NotCulled(D d, Culling culling, hn::Mask<D> back
 }
 
 // Each level is a test in two steps: the first one finds the lanes that may be hit, mostly none; the second one, which
-// takes what the first one found out, is for the rare ones that are. `Rays` and `Triangles` are OneRay and LeafLanes,
-// or RayLanes and OneTriangle: the same operations on each pair, and so the same bits. SetUp works out what only
-// this level needs of a ray, or of many.
+// takes what the first one found out, is for the rare ones that are. `Rays` and `Triangles` are OneRay or OneOfRays and
+// LeafLanes, or RayLanes and OneTriangle: the same operations on each pair, and so the same bits. SetUp works out what
+// only this level needs of a ray, or of many.
 
 // Determinants below this count as 0 in float: their inverses may be infinite, and infinity times 0 no number.
 constexpr float kLeastDeterminant = 0x1p-126f;
@@ -113,10 +113,7 @@ struct FastTest {
   };
 
   HWY_ATTR static void SetUp(RaySlot&) {}
-  template <size_t kRays>
-  static void SetUp(RayColumns<kRays>& rays) {
-    rays.same_axes = true;
-  }
+  HWY_ATTR static void SetUp(RayColumns&) {}
 
   template <typename Rays, typename Triangles, class D = typename Rays::D>
   HWY_ATTR static HWY_INLINE First<D> Start(const Rays& rays, const Triangles& triangles) {
@@ -171,12 +168,11 @@ struct WatertightTest {
   }
 
   // The same for each.
-  template <size_t kRays>
-  HWY_ATTR static HWY_INLINE void SetUp(RayColumns<kRays>& rays) {
+  HWY_ATTR static HWY_INLINE void SetUp(RayColumns& rays) {
     const DNode d;
     const DNodeUint du;
     rays.same_axes = true;
-    for (size_t first = 0; first < kRays; first += kWidth) {
+    for (size_t first = 0; first < kPacketRays; first += kWidth) {
       const auto dx = hn::Load(d, rays.direction[0] + first), dy = hn::Load(d, rays.direction[1] + first),
                  dz = hn::Load(d, rays.direction[2] + first);
       const auto x = hn::Abs(dx), y = hn::Abs(dy), z = hn::Abs(dz);

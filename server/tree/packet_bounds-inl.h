@@ -14,8 +14,8 @@
 #include <span>
 
 #include "hwy/highway.h"
+#include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
-#include "server/tree/packet_rays-inl.h"
 #include "server/tree/ray_setup-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -13,6 +13,7 @@
 #include <span>
 
 #include "hwy/highway.h"
+#include "server/geometry/ray.h"
 #include "server/tree/leaf_lanes-inl.h"
 #include "server/tree/node_test-inl.h"
 #include "server/tree/ray_setup-inl.h"
@@ -22,10 +23,7 @@ HWY_BEFORE_NAMESPACE();
 namespace deltaray {
 namespace HWY_NAMESPACE {
 
-// Rays of a packet.
-constexpr size_t kPacketRays = 16;
-
-// What RaySetup makes of one ray, by the same operations: the same bits.
+// What RaySetup makes of each ray, by the same operations: the same bits.
 class PacketRays {
   using V = hn::Vec<DNode>;
 
@@ -33,8 +31,8 @@ class PacketRays {
   // `slots`: one for each ray, for Slot().
   explicit PacketRays(RaySlot* slots) : slots_(slots) {}
 
-  // Sets up rays whose directions' exponent is this, the first of which has the index `first` in the batch. None may be
-  // odd. REQUIRES: as many rays as a packet has.
+  // Sets up rays, the first of which has the index `first` in the batch, with all directions scaled by 2^-exponent.
+  // REQUIRES: as many rays as a packet has, none of them odd.
   template <bool kExact>
   HWY_ATTR void SetUp(const RaySetup<kExact>& setup, std::span<const Ray> rays, uint32_t first, int exponent) {
     first_ = first;
@@ -43,8 +41,7 @@ class PacketRays {
     for (size_t part = 0; part < kPacketRays; part += kWidth) SetUpPart(setup, rays, part, exponent);
   }
 
-  RayColumns<kPacketRays>& columns() { return columns_; }
-  const RayColumns<kPacketRays>& columns() const { return columns_; }
+  RayColumns& columns() { return columns_; }
   // Index of ray 0 in the batch.
   uint32_t first() const { return first_; }
   // t in the frame times this is the rays' t.
@@ -66,20 +63,16 @@ class PacketRays {
     const DNode d;
     const DNodeInt di;
     const DNodeUint du;
-    const auto given = [&](size_t offset) HWY_ATTR {
-      constexpr int32_t kStride = sizeof(Ray) / sizeof(float);
-      static_assert(sizeof(Ray) % sizeof(float) == 0);
-      const float* const column =
-          reinterpret_cast<const float*>(reinterpret_cast<const std::byte*>(&rays[part]) + offset);
-      return hn::GatherIndex(d, column, hn::Mul(hn::Iota(di, 0), hn::Set(di, kStride)));
-    };
+    const auto at = hn::Mul(hn::Iota(di, 0), hn::Set(di, sizeof(Ray) / sizeof(float)));
+    static_assert(sizeof(Ray) % sizeof(float) == 0);
+    const auto given = [&](const float& of_first) HWY_ATTR { return hn::GatherIndex(d, &of_first, at); };
     const V direction_scale = hn::Set(d, Setup::DirectionScale(exponent));
     const double t_scale = setup.TScale(exponent);
     V direction[3], origin[3], farthest = hn::Zero(d), length = hn::Zero(d);
     auto rounded = hn::FirstN(d, 0);
     for (size_t axis = 0; axis < 3; ++axis) {
-      const V given_origin = given(offsetof(Ray, origin) + axis * sizeof(float));
-      const V given_direction = given(offsetof(Ray, direction) + axis * sizeof(float));
+      const V given_origin = given((&rays[part].origin.x)[axis]);
+      const V given_direction = given((&rays[part].direction.x)[axis]);
       origin[axis] = Setup::Times(given_origin, setup.scale());
       direction[axis] = hn::Mul(given_direction, direction_scale);
       hn::Store(origin[axis], d, columns_.origin[axis] + part);
@@ -100,12 +93,12 @@ class PacketRays {
       hn::Store(hn::Sub(centre, pad), d, columns_.near_offset[axis] + part);
       hn::Store(hn::Add(centre, pad), d, columns_.far_offset[axis] + part);
     }
-    const V given_t_min = given(offsetof(Ray, t_min)), given_t_max = given(offsetof(Ray, t_max));
+    const V given_t_min = given(rays[part].t_min), given_t_max = given(rays[part].t_max);
     const V scaled_t_min = Setup::Times(given_t_min, t_scale), scaled_t_max = Setup::Times(given_t_max, t_scale);
     const V t_min = hn::Max(scaled_t_min, hn::Neg(twice)), t_max = hn::Min(scaled_t_max, twice);
     hn::Store(t_min, d, columns_.t_min + part);
     hn::Store(hn::IfThenElse(hn::Le(t_min, t_max), t_max, hn::Set(d, kNothingMatters)), d, columns_.limit + part);
-    hn::Store(hn::BitCast(du, given(offsetof(Ray, excluded_primitive))), du, columns_.excluded + part);
+    hn::Store(hn::GatherIndex(du, &rays[part].excluded_primitive, at), du, columns_.excluded + part);
     if constexpr (kExact) {
       hn::Store(hn::Mul(hn::Set(d, Setup::kEdgeSlack), length), d, columns_.edge_slack + part);
       hn::Store(hn::Mul(hn::Set(d, Setup::kDetSlack), length), d, columns_.det_slack + part);
@@ -142,7 +135,7 @@ class PacketRays {
   uint32_t first_ = 0;
   uint32_t slots_made_ = 0;  // a bit a ray
   double t_unscale_ = 1;
-  RayColumns<kPacketRays> columns_;
+  RayColumns columns_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -7,10 +7,7 @@
 #define SERVER_TREE_PACKET_TRAVERSAL_INL_H_
 #endif
 
-#include <algorithm>
-#include <bit>
 #include <cstdint>
-#include <limits>
 #include <new>
 #include <span>
 
@@ -121,7 +118,7 @@ class PacketTraversal {
   HWY_ATTR HWY_INLINE uint32_t VisitLeaf(ChildRef leaf, uint32_t parent) {
     const DNode d;
     SetUpRays();
-    const RayColumns<kPacketRays>& rays = packet_.columns();
+    const RayColumns& rays = packet_.columns();
     const std::byte* const node = base_ + parent * kUnitBytes;
     // Which child of its parent the leaf is, tells where its box is.
     const hn::RebindToUnsigned<DNode> du;
@@ -161,7 +158,7 @@ class PacketTraversal {
     ForEach(DNode(), met, [&](uint32_t lane) HWY_ATTR {
       for (uint32_t part = 0; part < view.count; part += kLeafLanes) {
         // In place, as in BatchTraversal.
-        const OneOfRays<kPacketRays> ray{packet_.columns(), first + lane};
+        const OneOfRays ray{packet_.columns(), first + lane};
         const auto* const hit = new (&hits_[hit_count])
             LeafHit{Query::Test::Start(ray, LeafLanes{view, part}), static_cast<uint32_t>(first + lane), part};
         hit_count += !hn::AllFalse(DLeaf(), hit->start.mask);
@@ -179,7 +176,7 @@ class PacketTraversal {
     bool any = false;
     for (uint32_t lane = 0; lane < view.count; ++lane) {
       const OneTriangle triangle{view, lane};
-      auto start = Query::Test::Start(RayLanes<kPacketRays>{packet_.columns(), first}, triangle);
+      auto start = Query::Test::Start(RayLanes{packet_.columns(), first}, triangle);
       start.mask = hn::And(start.mask, met);
       if (hn::AllFalse(d, start.mask)) continue;
       any = true;

@@ -2,6 +2,7 @@
 // Take: looks at the triangles in start.mask, of which there are some, of the leaf that the ray has come to.
 // TakeOne: the same for ray i of a packet, which has come to the leaf `ref`.
 // TakeRays: looks at one triangle of that leaf, for those rays of a packet, from `first` on, in start.mask.
+// These two lower the rays' limits in the packet's columns, to kNothingMatters where the answer is known.
 // EndRays: writes the answers of a packet.
 
 #if defined(SERVER_TREE_QUERIES_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -13,7 +14,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <cstdint>
 #include <span>
 
@@ -61,7 +61,7 @@ HWY_ATTR HWY_INLINE void EndRay(Query& query, RaySlot& ray) {
 
 // Ray i of a packet, by the names of a slot's answer.
 struct RayOfPacket {
-  RayOfPacket(RayColumns<kPacketRays>& rays, size_t i)
+  RayOfPacket(RayColumns& rays, size_t i)
       : excluded(rays.excluded[i]),
         limit(rays.limit[i]),
         t(rays.t[i]),
@@ -87,8 +87,6 @@ class ClosestQuery {
 
   ClosestQuery(Culling culling, std::span<Hit> hits) : culling_(culling), hits_(hits) {}
 
-  HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
-
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     const DLeaf d;
     ForEachHit(d, Test::Finish(OneRay{ray}, start, culling_),
@@ -98,7 +96,7 @@ class ClosestQuery {
   HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef, const LeafView& leaf, uint32_t first,
                                    const First& start) {
     RayOfPacket ray(packet.columns(), i);
-    ForEachHit(DLeaf(), Test::Finish(OneOfRays<kPacketRays>{packet.columns(), i}, start, culling_),
+    ForEachHit(DLeaf(), Test::Finish(OneOfRays{packet.columns(), i}, start, culling_),
                [&](uint32_t lane, const Hit& hit) { Keep(ray, leaf.Primitive(first + lane), hit); });
   }
 
@@ -107,8 +105,8 @@ class ClosestQuery {
                                     const FirstOfRays& start) {
     const DNode d;
     const DNodeUint du;
-    RayColumns<kPacketRays>& rays = packet.columns();
-    const auto hits = Test::Finish(RayLanes<kPacketRays>{rays, first}, start, culling_);
+    RayColumns& rays = packet.columns();
+    const auto hits = Test::Finish(RayLanes{rays, first}, start, culling_);
     const auto primitive = hn::Set(du, triangle.Primitive()), old_primitive = hn::Load(du, rays.primitive + first);
     const auto excluded = hn::Eq(primitive, hn::Load(du, rays.excluded + first));
     const auto old_t = hn::Load(d, rays.t + first), limit = hn::Load(d, rays.limit + first);
@@ -127,7 +125,7 @@ class ClosestQuery {
 
   HWY_ATTR void EndRays(PacketRays& packet) {
     const DNode d;
-    const RayColumns<kPacketRays>& rays = packet.columns();
+    const RayColumns& rays = packet.columns();
     for (size_t part = 0; part < kPacketRays; part += kWidth) {
       HWY_ALIGN float t[kWidth];
       hn::Store(RaySetup<false>::Times(hn::Load(d, rays.t + part), packet.t_unscale()), d, t);
@@ -186,8 +184,6 @@ class AnyQuery {
 
   AnyQuery(Culling culling, std::span<uint8_t> any) : culling_(culling), any_(any) {}
 
-  HWY_ATTR static void SetUp(RaySlot& ray) { Test::SetUp(ray); }
-
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     const DLeaf d;
     ForEach(d, Test::Finish(OneRay{ray}, start, culling_).mask,
@@ -196,8 +192,8 @@ class AnyQuery {
 
   HWY_ATTR HWY_INLINE void TakeOne(PacketRays& packet, size_t i, ChildRef, const LeafView& leaf, uint32_t first,
                                    const First& start) {
-    RayColumns<kPacketRays>& rays = packet.columns();
-    ForEach(DLeaf(), Test::Finish(OneOfRays<kPacketRays>{rays, i}, start, culling_).mask, [&](uint32_t lane) {
+    RayColumns& rays = packet.columns();
+    ForEach(DLeaf(), Test::Finish(OneOfRays{rays, i}, start, culling_).mask, [&](uint32_t lane) {
       const uint32_t primitive = leaf.Primitive(first + lane);
       if (primitive == rays.excluded[i]) return;
       rays.primitive[i] = primitive;
@@ -209,8 +205,8 @@ class AnyQuery {
                                     const FirstOfRays& start) {
     const DNode d;
     const DNodeUint du;
-    RayColumns<kPacketRays>& rays = packet.columns();
-    const auto hit = Test::Finish(RayLanes<kPacketRays>{rays, first}, start, culling_).mask;
+    RayColumns& rays = packet.columns();
+    const auto hit = Test::Finish(RayLanes{rays, first}, start, culling_).mask;
     const auto primitive = hn::Set(du, triangle.Primitive());
     const auto kept = hn::AndNot(hn::Eq(primitive, hn::Load(du, rays.excluded + first)), hn::RebindMask(du, hit));
     hn::BlendedStore(primitive, kept, du, rays.primitive + first);

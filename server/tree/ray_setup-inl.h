@@ -54,6 +54,7 @@ class RaySetup {
         flip_(static_cast<uint32_t>(UnitBytes(Width(arrays.target)))) {}
 
   // Fills all of `slot` that tests read, and empties its stack and its answer. Tells what to do with the ray.
+  // PacketRays does the same for many.
   HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, RaySlot& slot) const {
     const float greatest = Greatest(hn::LoadU(DF(), &ray.direction.x));
     // NaN counts as odd.

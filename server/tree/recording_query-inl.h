@@ -14,6 +14,7 @@
 #include "server/tree/leaf_recorder.h"
 #include "server/tree/packet_rays-inl.h"
 #include "server/tree/ray_slot.h"
+#include "server/tree/wide_node.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace deltaray {
@@ -37,7 +38,6 @@ class RecordingQuery {
 
   explicit RecordingQuery(Query& query) : query_(query) {}
 
-  HWY_ATTR static void SetUp(RaySlot& ray) { Query::SetUp(ray); }
   HWY_ATTR HWY_INLINE void Take(RaySlot& ray, const LeafView& leaf, uint32_t first, const First& start) {
     query_.Take(ray, leaf, first, start);
   }

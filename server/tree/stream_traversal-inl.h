@@ -97,7 +97,7 @@ class StreamTraversal {
       slot.ray = first + i;
       switch (setup_.Make(rays[i], slot)) {
         case Setup::Kind::kTraced:
-          Query::SetUp(slot);
+          Test::SetUp(slot);
           traced |= 1u << i;
           break;
         case Setup::Kind::kMisses:
