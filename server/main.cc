@@ -195,8 +195,13 @@ void RaiseFileLimit() {
 }
 
 // By itself malloc takes ever larger arrays from its heaps, once some were freed, and keeps what they took: a mesh that
-// made room for another would still take its memory.
-void ReturnFreedArrays() { mallopt(M_MMAP_THRESHOLD, 1 << 20); }
+// made room for another would still take its memory. Told what is large, though, it would give back all but 128 KiB of
+// what is free at a heap's end, and messages of batches would fault in their pages each time, which takes half of the
+// throughput where page faults are expensive.
+void SetMallocThresholds() {
+  mallopt(M_MMAP_THRESHOLD, 1 << 20);
+  mallopt(M_TRIM_THRESHOLD, 2 << 20);
+}
 
 // Written beside and renamed, so that whoever waits for the file never sees half a number.
 bool WritePortFile(const std::string& path, int port) {
@@ -255,7 +260,7 @@ int Run(const Flags& flags) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   RaiseFileLimit();
-  ReturnFreedArrays();
+  SetMallocThresholds();
 
   const ServerOptions& options = flags.server;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
