@@ -1,5 +1,7 @@
 #include "server/store/tree_budget.h"
 
+#include <malloc.h>
+
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +13,8 @@ namespace {
 constexpr std::chrono::milliseconds kLookAgain{20};
 // An upload that is being read has memory itself: two of them must not wait for each other.
 constexpr std::chrono::seconds kGrowPatience{5};
+// malloc keeps what is freed until it is told to give it back, which takes a look at all that is free.
+constexpr uint64_t kTrimBytes = uint64_t{4} << 20;
 
 }  // namespace
 
@@ -87,9 +91,18 @@ void TreeBudget::Take(uint64_t bytes) {
 }
 
 void TreeBudget::GiveBack(uint64_t bytes) {
+  if (IsTimeToTrim(bytes)) malloc_trim(0);
   MutexLock lock(mutex_);
   used_ -= bytes;
   changed_.notify_all();
+}
+
+bool TreeBudget::IsTimeToTrim(uint64_t freed) {
+  MutexLock lock(mutex_);
+  freed_ += freed;
+  if (freed_ < kTrimBytes) return false;
+  freed_ = 0;
+  return true;
 }
 
 void TreeBudget::AwaitChange() {

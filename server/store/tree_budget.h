@@ -59,7 +59,9 @@ class TreeBudget : public std::enable_shared_from_this<TreeBudget> {
  private:
   bool TryTake(uint64_t bytes);
   void Take(uint64_t bytes);
+  // The memory has been freed; the system has it back by and by.
   void GiveBack(uint64_t bytes);
+  bool IsTimeToTrim(uint64_t freed);
   // Waits until something was given back, or a while.
   void AwaitChange();
 
@@ -69,6 +71,7 @@ class TreeBudget : public std::enable_shared_from_this<TreeBudget> {
   mutable Mutex mutex_;
   Condition changed_;
   uint64_t used_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t freed_ ABSL_GUARDED_BY(mutex_) = 0;  // since the last trim
 };
 
 }  // namespace deltaray

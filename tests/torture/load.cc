@@ -46,6 +46,7 @@ struct Shared {
   std::condition_variable ended;
   uint32_t running = 0;
   uint64_t batches = 0, answered_rays = 0, wrong = 0;
+  uint64_t closed = 0;                     // connections, before they had an answer
   std::map<std::string, uint64_t> errors;  // by code and text
 };
 
@@ -148,8 +149,12 @@ class LoadStream final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::
     {
       const std::lock_guard lock(shared_->mutex);
       const bool over = steady_clock::now() >= shared_->end;
+      // Documented: a connection that has no call may be closed to make room, just when one comes.
+      const bool closed = status.error_code() == grpc::StatusCode::UNAVAILABLE && taken_ == 0;
       // At the end whatever is left is cancelled.
-      if (!status.ok() && !(over && status.error_code() == grpc::StatusCode::CANCELLED)) {
+      if (closed) {
+        ++shared_->closed;
+      } else if (!status.ok() && !(over && status.error_code() == grpc::StatusCode::CANCELLED)) {
         ++shared_->errors[absl::StrFormat("%d %s", status.error_code(), status.error_message())];
       }
       again = !over;
@@ -269,8 +274,9 @@ absl::Status RunLoad(const LoadOptions& options) {
     }
   }
   std::cout << absl::StrFormat(
-      "%d batches, %.2f Mrays/s, %d wrong, %d streams without a batch, %d refused, %d failed\n", shared.batches,
-      1e-6 * rays / options.seconds, shared.wrong, idle, errors - undocumented, undocumented);
+      "%d batches, %.2f Mrays/s, %d wrong, %d streams without a batch, %d refused, %d closed, %d failed\n",
+      shared.batches, 1e-6 * rays / options.seconds, shared.wrong, idle, errors - undocumented, shared.closed,
+      undocumented);
   if (shared.wrong + undocumented + idle > 0) return absl::InternalError("see above");
   return absl::OkStatus();
 }
