@@ -60,9 +60,10 @@ class Watch {
 };
 
 TEST_F(HealthTest, AMeshServesOnceItCanAnswerRays) {
-  std::atomic<bool> enough{false};
-  options_.store.on_delta_leaf = [&] {
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  // Builds outlive the test's body.
+  const auto enough = std::make_shared<std::atomic<bool>>(false);
+  options_.store.on_delta_leaf = [enough] {
+    while (!*enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   };
   Start();
   Watch by_name(NewStub(), Request("mesh/squares"));
@@ -72,7 +73,7 @@ TEST_F(HealthTest, AMeshServesOnceItCanAnswerRays) {
   std::string told = by_name.Next();
   if (told == "NOT_SERVING") told = by_name.Next();
   EXPECT_EQ(told, "SERVING");
-  enough = true;
+  *enough = true;
 
   grpc::ClientContext context;
   v1::DeleteMeshRequest request;
@@ -86,15 +87,16 @@ TEST_F(HealthTest, AMeshServesOnceItCanAnswerRays) {
 }
 
 TEST_F(HealthTest, AMeshThatWaitsForItsTurnOrFailsDoesNotServe) {
-  std::atomic<bool> enough{false};
-  options_.store.on_delta_leaf = [&] {
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  // Builds outlive the test's body.
+  const auto enough = std::make_shared<std::atomic<bool>>(false);
+  options_.store.on_delta_leaf = [enough] {
+    while (!*enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   };
   Start();
   UploadSquares(100, 0, "first");
   const std::string id = UploadSquares(100, 1000, "second");
   EXPECT_EQ(Told("mesh/second"), "NOT_SERVING");
-  enough = true;
+  *enough = true;
   EXPECT_TRUE(Eventually([&] { return Told("mesh/second") == "SERVING"; }));
 
   // The file is damaged while there is no tree.
