@@ -59,7 +59,7 @@ class RaySetup {
     const float greatest = Greatest(hn::LoadU(DF(), &ray.direction.x));
     // NaN counts as odd.
     if (HWY_UNLIKELY(!(greatest >= kLeastDirection && greatest < kGreatestDirection))) return Kind::kOdd;
-    return Make(ray, ExponentOf(greatest), slot);
+    return MakeSized(ray, ExponentOf(greatest), slot);
   }
 
   // Directions of greater or smaller greatest components are odd: no normal float is the inverse power of two.
@@ -125,8 +125,9 @@ class RaySetup {
   // Error bounds of the leaf test at kExact, for a direction of length 1; see README.md.
   static constexpr float kEdgeSlack = 40 * 0x1p-24f, kDetSlack = 16 * 0x1p-24f, kEndSlack = 20 * 0x1p-24f;
 
-  // The same with directions scaled by 2^-exponent, which brings the greatest component to at least 1.
-  HWY_ATTR HWY_INLINE Kind Make(const Ray& ray, int exponent, RaySlot& slot) const {
+ private:
+  // The same, where that is the exponent of the direction's greatest component, which 2^-exponent brings to [1, 2).
+  HWY_ATTR HWY_INLINE Kind MakeSized(const Ray& ray, int exponent, RaySlot& slot) const {
     const DF d;
     const DU du;
     const auto xyz = hn::FirstN(d, 3);
@@ -175,7 +176,6 @@ class RaySetup {
     return slot.t_min <= slot.limit ? Kind::kTraced : Kind::kMisses;
   }
 
- private:
   static double PowerOfTwo(int exponent) { return std::bit_cast<double>(static_cast<uint64_t>(1023 + exponent) << 52); }
 
   static float ScaledEnd(float t, double scale) { return static_cast<float>(t * scale); }

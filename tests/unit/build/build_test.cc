@@ -1,12 +1,8 @@
 #include "server/build/build.h"
 
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <future>
-#include <limits>
-#include <new>
 #include <numeric>
 #include <string>
 #include <thread>
@@ -19,6 +15,7 @@
 #include "server/tree/wide_tree.h"
 #include "tests/scenes/made.h"
 #include "tests/scenes/pathological.h"
+#include "tests/unit/build/builds.h"
 #include "tests/unit/build/checks.h"
 
 namespace deltaray {
@@ -28,16 +25,6 @@ using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
 constexpr Builder kBuilders[] = {Builder::kHybrid, Builder::kKdTree, Builder::kBvh, Builder::kSbvh, Builder::kTang2015};
-
-std::shared_ptr<const TriangleMesh> Shared(TriangleMesh mesh) {
-  return std::make_shared<const TriangleMesh>(std::move(mesh));
-}
-
-std::shared_ptr<Build> Start(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
-                             uint32_t threads = 2, std::function<void()> on_delta_leaf = nullptr) {
-  EXPECT_TRUE(Validate(config).ok());
-  return Build::Start(mesh, {.config = config, .threads = threads, .on_delta_leaf = std::move(on_delta_leaf)});
-}
 
 std::shared_ptr<const Tree> BuildNow(const std::shared_ptr<const TriangleMesh>& mesh, const Config& config,
                                      uint32_t threads = 2) {
@@ -69,23 +56,6 @@ void ExpectSameBytes(const Tree& a, const Tree& b) {
     EXPECT_EQ(a_arrays.references, dynamic_cast<const Bvh&>(b).arrays().references);
   }
 }
-
-// Lets δ-leaves through one by one once opened; until then the build stands still.
-class Gate {
- public:
-  void Open() { open_ = true; }
-  std::function<void()> Pass() {
-    return [this] {
-      ++waiting_;
-      while (!open_) std::this_thread::sleep_for(milliseconds(1));
-    };
-  }
-  int waiting() const { return waiting_; }
-
- private:
-  std::atomic<bool> open_{false};
-  std::atomic<int> waiting_{0};
-};
 
 class BuildSceneTest : public testing::TestWithParam<PathologicalScene> {
  protected:
@@ -217,7 +187,6 @@ TEST_P(BuildBuilderTest, TellsWhatItDid) {
   EXPECT_EQ(progress.elapsed_seconds, s.total_seconds);
 }
 
-// The quickest of some tries, since other work on the machine may delay any one of them.
 // Sanitizers slow down what a builder does between two looks at whether it is cancelled.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr milliseconds kSoon(1000);
@@ -225,6 +194,7 @@ constexpr milliseconds kSoon(1000);
 constexpr milliseconds kSoon(100);
 #endif
 
+// The quickest of some tries, since other work on the machine may delay any one of them.
 TEST_P(BuildBuilderTest, IsCancelledWithin100Milliseconds) {
   static const auto mesh = Shared(Terrain(500, 500));
   auto least = Clock::duration::max();
@@ -304,108 +274,6 @@ TEST(BuildTest, LazyDeltaLeavesAreBuiltAsRaysReachThem) {
     threads.emplace_back([&] { EXPECT_TRUE(Answers(*snapshot->tree, rays) == expected); });
   }
   for (std::thread& thread : threads) thread.join();
-}
-
-TEST(BuildTest, SnapshotsOutliveTheBuildAndTheMesh) {
-  std::shared_ptr<const TreeSnapshot> snapshot;
-  {
-    const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config());
-    ASSERT_TRUE(build->WaitDone().ok());
-    snapshot = build->snapshot();
-  }
-  const std::shared_ptr<const Tree> tree = snapshot->tree;
-  const std::weak_ptr<const TriangleMesh> mesh = snapshot->mesh;
-  snapshot = nullptr;
-  EXPECT_FALSE(mesh.expired()) << "the tree lost its mesh";
-  const std::vector<Ray> rays = ChordRays({{0, 0, 0}, {1, 1, 1}}, 100, 1);
-  EXPECT_TRUE(Answers(*tree, rays) == Answers(BruteForce(mesh.lock()->triangles()), rays));
-}
-
-TEST(BuildTest, DestroyingARunningBuildCancelsIt) {
-  const auto mesh = Shared(Soup(3000));
-  std::atomic<int> running{0}, begun{0};
-  {
-    const std::shared_ptr<Build> build = Start(mesh, Config(), 2, [&] {
-      ++begun;
-      ++running;
-      std::this_thread::sleep_for(milliseconds(2));
-      --running;
-    });
-    ASSERT_TRUE(build->WaitProvisional().ok());
-    while (begun == 0) std::this_thread::yield();
-  }
-  EXPECT_EQ(running, 0);
-  const int begun_by_then = begun;
-  std::this_thread::sleep_for(milliseconds(20));
-  EXPECT_EQ(begun, begun_by_then);
-}
-
-TEST(BuildTest, CallbacksComeOnceEach) {
-  Gate gate;
-  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config(), 2, gate.Pass());
-  std::promise<absl::Status> provisional, final;
-  std::atomic<bool> final_came{false};
-  build->OnSnapshot(false, [&](absl::Status status) { provisional.set_value(status); });
-  build->OnSnapshot(true, [&](absl::Status status) {
-    final_came = true;
-    final.set_value(status);
-  });
-  EXPECT_TRUE(provisional.get_future().get().ok());
-  EXPECT_NE(build->snapshot(), nullptr);
-  EXPECT_FALSE(final_came);
-  gate.Open();
-  EXPECT_TRUE(final.get_future().get().ok());
-  EXPECT_TRUE(build->snapshot()->final);
-  // From now on at once.
-  int calls = 0;
-  for (const bool wants_final : {false, true}) build->OnSnapshot(wants_final, [&](absl::Status) { ++calls; });
-  EXPECT_EQ(calls, 2);
-}
-
-TEST(BuildTest, CallbacksHearOfCancellation) {
-  Gate gate;
-  const std::shared_ptr<Build> build = Start(Shared(Soup(2000)), Config(), 1, gate.Pass());
-  std::promise<absl::Status> final;
-  build->OnSnapshot(true, [&](absl::Status status) { final.set_value(status); });
-  ASSERT_TRUE(build->WaitProvisional().ok());
-  build->Cancel();
-  gate.Open();
-  EXPECT_EQ(final.get_future().get().code(), absl::StatusCode::kCancelled);
-  EXPECT_EQ(build->WaitDone().code(), absl::StatusCode::kCancelled);
-  // What there was still answers.
-  EXPECT_TRUE(build->WaitProvisional().ok());
-  EXPECT_FALSE(build->snapshot()->final);
-}
-
-TEST(BuildTest, ACallbackMayDropTheLastReference) {
-  for (const bool final : {false, true}) {
-    std::shared_ptr<Build> build = Start(Shared(Soup(3000)), Config());
-    std::promise<void> dropped;
-    auto holder = std::make_shared<std::shared_ptr<Build>>(build);
-    Build* const raw = build.get();
-    build = nullptr;
-    raw->OnSnapshot(final, [&dropped, holder](absl::Status) {
-      *holder = nullptr;
-      dropped.set_value();
-    });
-    holder = nullptr;
-    dropped.get_future().wait();
-  }
-}
-
-TEST(BuildTest, CancelAfterTheEndDoesNothing) {
-  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config());
-  ASSERT_TRUE(build->WaitDone().ok());
-  build->Cancel();
-  EXPECT_TRUE(build->WaitDone().ok());
-  EXPECT_TRUE(build->snapshot()->final);
-}
-
-TEST(BuildTest, LackOfMemoryIsAStatus) {
-  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config(), 2, [] { throw std::bad_alloc(); });
-  const absl::Status status = build->WaitDone();
-  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(status.message(), "not enough memory to build the tree of 500 triangles");
 }
 
 }  // namespace
