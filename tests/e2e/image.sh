@@ -59,7 +59,7 @@ mount_kernel() {
   mount --bind /proc "$1/proc"
   mount --rbind /dev "$1/dev"
 }
-in_stage() { chroot "$stage" /usr/bin/env -i PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME=/ "$@"; }
+in_stage() { chroot "$stage" /usr/bin/env -i PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME=/ $environment "$@"; }
 
 # copy ARGUMENTS of COPY: from another stage, or from the files of this repository that git does not ignore.
 copy() {
@@ -79,14 +79,14 @@ copy() {
   fi
 }
 
-workdir=/ user=root health=() entry=() volume= done_before=
+environment= workdir=/ user=root health=() entry=() volume= done_before=
 while IFS= read -r instruction; do
   name=${instruction%% *} arguments=${instruction#* }
   if [ "$name" = FROM ]; then
     [ -z "$stage" ] || [ -n "$done_before" ] || { umount -R "$stage/proc" "$stage/dev"; touch "$stage.done"; }
     read -r image as stage_name <<<"$arguments"
     [[ "$image" == debian:bookworm* ]] || fail "the Dockerfile begins with $image; this script makes Debian 12"
-    stage="$work/stage-${stage_name:-final}" workdir=/ user=root
+    stage="$work/stage-${stage_name:-final}" environment= workdir=/ user=root
     done_before=
     if [ "${as:-}" = AS ] && [ -e "$stage.done" ]; then
       done_before=yes
@@ -105,6 +105,7 @@ while IFS= read -r instruction; do
     COPY) eval "copy $arguments" ;;
     RUN) in_stage /bin/sh -c "cd $workdir && $arguments" >"$work/run.log" 2>&1 </dev/null || { tail -n 40 "$work/run.log"; fail "$instruction"; } ;;
     USER) user=$arguments ;;
+    ENV) environment+=" $arguments" ;;  # NAME=VALUE without spaces
     VOLUME) volume=$arguments ;;
     EXPOSE) ;;
     HEALTHCHECK) mapfile -t health < <(words "${arguments#*CMD}") ;;
@@ -134,7 +135,7 @@ as_user() {
 }
 
 export -f as_user in_stage
-export stage user group
+export stage user group environment
 # One network namespace for server and clients.
 unshare --net bash -c '
   set -euo pipefail
