@@ -25,8 +25,8 @@ constexpr size_t kFirstSlice = 16;
 constexpr uint64_t kOverheadBytes = 512;
 
 absl::Status ReplyTooLarge(uint64_t limit) {
-  return absl::ResourceExhaustedError(
-      absl::StrCat("the reply is over the limit of ", limit, " bytes a message; send smaller batches"));
+  return absl::ResourceExhaustedError(absl::StrCat("the reply is over the limit of ", limit,
+                                                   " bytes a message (--max-message-bytes); send smaller batches"));
 }
 
 // See Tree::answered_accuracy.
@@ -117,8 +117,10 @@ class Answering {
           std::vector<Hit>& found = hits[first / piece_rays];
           // For now the number of hits of each ray; their sums follow below.
           const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
+          const size_t before = found.size();  // of the slices before
           tree_.AllHits(rays, query_.options, &found, rows);
-          if (hits_in_all.fetch_add(found.size(), std::memory_order_relaxed) + found.size() > max_hits) {
+          const uint64_t added = found.size() - before;
+          if (hits_in_all.fetch_add(added, std::memory_order_relaxed) + added > max_hits) {
             return ReplyTooLarge(limits_.max_message_bytes);
           }
           if (!counts.empty()) {

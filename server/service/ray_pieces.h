@@ -97,9 +97,10 @@ class RayTimer {
 };
 
 // Decodes `batch` piece by piece and calls trace(first, std::span<const Ray>), which returns a status, for each, spread
-// over the arena of the calling thread. A piece of rays that take long comes in slices, one after the other, of
-// `first_slice` rays to begin with. Returns the first failure; CANCELLED soon after `cancelled` returns true, which is
-// asked before every slice. REQUIRES: piece_rays <= RayBatchView::kMaxPieceRays.
+// over the arena of the calling thread. A piece comes in slices, one after the other, of `first_slice` rays to begin
+// with and then of as many as take about kSliceTime: `trace` is called for each. Returns the first failure; CANCELLED
+// soon after `cancelled` returns true, which is asked before every slice. REQUIRES: piece_rays <=
+// RayBatchView::kMaxPieceRays.
 template <typename Trace>
 absl::Status ForRayPieces(const RayBatchView& batch, size_t piece_rays, const std::function<bool()>& cancelled,
                           const Trace& trace, size_t first_slice = RayBatchView::kMaxPieceRays) {

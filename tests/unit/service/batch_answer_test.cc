@@ -7,6 +7,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "server/service/hit_columns.h"
 #include "server/service/tracer.h"
 #include "tests/unit/service/meshes.h"
 
@@ -160,6 +161,19 @@ TEST_F(BatchAnswerTest, AllHitsOverTheLimitEndEarly) {
   const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS), Batch(numbers_), limits);
   EXPECT_EQ(answer.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(std::string(answer.status().message()), HasSubstr("bytes a message"));
+}
+
+TEST_F(BatchAnswerTest, AllHitsThatJustFitAreAnswered) {
+  const BatchQuery query = Query(v1::QUERY_KIND_ALL_HITS);
+  const auto answer = Answer(*snapshot_, query, Batch(numbers_));
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  const uint64_t hits = Numbers<float>(answer->t()).size();
+  ASSERT_GT(hits, 1000u);
+  BatchLimits limits;
+  limits.max_message_bytes = rays_.size() * BytesPerRay(query) + 512 + hits * BytesPerHit(query);
+  EXPECT_TRUE(Answer(*snapshot_, query, Batch(numbers_), limits).ok());
+  --limits.max_message_bytes;
+  EXPECT_EQ(Answer(*snapshot_, query, Batch(numbers_), limits).status().code(), absl::StatusCode::kResourceExhausted);
 }
 
 TEST_F(BatchAnswerTest, EndsSoonOnceCancelled) {
