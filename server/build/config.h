@@ -16,8 +16,8 @@ enum class Preset : uint8_t { kFast, kBalanced, kBest, kAuto };
 // A delta that is to be chosen by the mesh. Only for the hybrid with Preset::kAuto.
 inline constexpr uint32_t kDeltaByMesh = 0;
 
-// Answers do not depend on any of this; speed, memory and build time do. The values here are the balanced hybrid's;
-// other presets and builders are made by MakeConfig.
+// Answers, but for roundings at AccuracyLevel::kFast, do not depend on any of this; speed, memory and build time do.
+// The values here are the balanced hybrid's; other presets and builders are made by MakeConfig.
 struct Config {
   Preset preset = Preset::kBalanced;
   Builder builder = Builder::kHybrid;

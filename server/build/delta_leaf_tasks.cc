@@ -41,7 +41,14 @@ void DeltaLeafTasks::Build(uint32_t delta_leaf) {
   if (task.begun.exchange(true, std::memory_order_relaxed)) return;
   if (on_delta_leaf_) on_delta_leaf_();
   if (context_->cancelled()) return;
-  auto subtree = std::make_unique<const BvhArrays>(build_one_(references(delta_leaf), top_.nodes[0].bounds));
+  std::unique_ptr<const BvhArrays> subtree;
+  try {
+    subtree = std::make_unique<const BvhArrays>(build_one_(references(delta_leaf), top_.nodes[0].bounds));
+  } catch (...) {
+    // For want of memory: of a lazy tree, the next ray that comes here tries again.
+    task.begun.store(false, std::memory_order_relaxed);
+    throw;
+  }
   if (context_->cancelled()) return;
   // Release: a thread that sees the pointer sees the subtree.
   task.built.store(subtree.release(), std::memory_order_release);

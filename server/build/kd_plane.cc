@@ -89,7 +89,8 @@ KdPlane SweepPlanes(std::span<const Reference> references, const PlaneCost& cost
 KdPlane BinPlanes(std::span<const Reference> references, const PlaneCost& cost, const Bounds& cell, int axis) {
   const double min = cell.min[axis], width = (static_cast<double>(cell.max[axis]) - min) / kBins;
   if (width == 0) return {};
-  const auto bin = [&](float x) { return std::clamp(static_cast<int>((x - min) / width), 0, kBins - 1); };
+  // Clamped first: a reference's whole box may reach far beyond the cell.
+  const auto bin = [&](float x) { return static_cast<int>(std::clamp((x - min) / width, 0.0, kBins - 1.0)); };
   std::array<size_t, kBins> begins{}, ends{};
   for (const Reference& reference : references) {
     ++begins[bin(reference.bounds.min[axis])];

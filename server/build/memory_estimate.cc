@@ -7,7 +7,7 @@ namespace {
 constexpr uint64_t kFixedBytes = uint64_t{1} << 20;
 // For each reference that there may be: boxes and indices, the binary trees over them, the tree laid out twice.
 constexpr double kClusteredBytes = 320;
-constexpr double kSplitBytes = 200;
+constexpr double kSplitBytes = 330;
 
 }  // namespace
 

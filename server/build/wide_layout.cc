@@ -31,6 +31,7 @@ float ScaleUp(float x, double scale) { return -ScaleDown(-x, scale); }
 
 // The exponent that brings all coordinates in `bounds` below 1 in magnitude, the greatest one to at least 1/2.
 int ScaleExponent(const Bounds& bounds) {
+  if (bounds.IsEmpty()) return 0;
   float greatest = 0;
   for (int axis = 0; axis < 3; ++axis) {
     greatest = std::max({greatest, std::abs(bounds.min[axis]), std::abs(bounds.max[axis])});
@@ -55,9 +56,8 @@ class Layout {
     if (context_.cancelled()) return absl::CancelledError("the build was cancelled");
     WideArrays arrays;
     arrays.target = target;
-    Bounds corners;
-    for (const Vec3f& position : triangles_.positions) corners.Extend(position);
-    arrays.scale_exponent = ScaleExponent(corners);
+    // Of the corners of triangles that can be hit: what no such triangle uses may lie anywhere.
+    arrays.scale_exponent = ScaleExponent(tree_.nodes[0].bounds);
     scale_ = std::ldexp(1.0, arrays.scale_exponent);
 
     // 1. Find how much room each subtree takes.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "server/geometry/packed_bounds.h"
 #include "server/tree/wide_node.h"
 
 namespace deltaray {
@@ -13,13 +14,6 @@ namespace {
 constexpr int kMaxWidth = 16;
 // Subtrees of fewer nodes are solved by one task.
 constexpr uint32_t kTaskNodes = 4096;
-
-float HalfArea(const Bounds& b) {
-  const float x = b.max.x - b.min.x, y = b.max.y - b.min.y, z = b.max.z - b.min.z;
-  const float half_area = x * y + y * z + z * x;
-  // Of boxes so large that this overflows, none is cheaper than another.
-  return std::min(half_area, std::numeric_limits<float>::max());
-}
 
 }  // namespace
 
@@ -31,12 +25,20 @@ struct WidePlan::Forest {
 };
 
 WidePlan::WidePlan(std::span<const BvhNode> nodes, int width, BuildContext& context)
-    : nodes_(nodes), width_(width), choices_(nodes.size() * width, 0) {
+    : nodes_(nodes), width_(width), scale_(UnitScale(nodes[0].bounds)), choices_(nodes.size() * width, 0) {
   Solve(0, static_cast<uint32_t>(nodes.size()), context);
 }
 
+float WidePlan::HalfArea(uint32_t node) const { return PackedBounds(nodes_[node].bounds).HalfArea(scale_); }
+
 WidePlan::Forest WidePlan::Solve(uint32_t begin, uint32_t end, BuildContext& context) {
-  if (end - begin <= kTaskNodes || context.cancelled()) {
+  if (context.cancelled()) {
+    Forest forest;
+    forest.references = 0;
+    forest.cost[1] = 0;
+    return forest;
+  }
+  if (end - begin <= kTaskNodes) {
     const BuildContext::CpuTime time(context);
     return SolveSerially(begin, end);
   }
@@ -65,7 +67,7 @@ WidePlan::Forest WidePlan::SolveSerially(uint32_t begin, uint32_t end) {
 WidePlan::Forest WidePlan::SolveLeaf(uint32_t node) {
   Forest forest;
   forest.references = nodes_[node].count;
-  forest.cost[1] = kLeafCost * HalfArea(nodes_[node].bounds);
+  forest.cost[1] = kLeafCost * HalfArea(node);
   choices_[size_t{node} * width_] = static_cast<uint8_t>(nodes_[node].count);
   return forest;
 }
@@ -89,7 +91,7 @@ WidePlan::Forest WidePlan::Join(uint32_t node, const Forest& left, const Forest&
   }
 
   // 2. Make one root of it: a node over the widest forest, or a leaf.
-  const float half_area = HalfArea(nodes_[node].bounds);
+  const float half_area = HalfArea(node);
   forest.cost[1] = kNodeCost * half_area + forest.cost[forest.roots];
   if (forest.references <= kMaxLeafTriangles && kLeafCost * half_area <= forest.cost[1]) {
     forest.cost[1] = kLeafCost * half_area;

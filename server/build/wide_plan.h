@@ -39,6 +39,7 @@ class WidePlan {
  private:
   struct Forest;
 
+  float HalfArea(uint32_t node) const;
   Forest Solve(uint32_t begin, uint32_t end, BuildContext& context);
   Forest SolveSerially(uint32_t begin, uint32_t end);
   Forest SolveLeaf(uint32_t node);
@@ -47,6 +48,7 @@ class WidePlan {
 
   std::span<const BvhNode> nodes_;
   const int width_;
+  const float scale_;  // of the root's box: UnitScale
   // width_ entries a node. Entry 0: LeafSize. Entry j - 1, for j > 1: how many of at most j roots of the cheapest
   // forest over the node's subtree its first child's part has; 0: fewer than j roots do as well.
   std::vector<uint8_t> choices_;

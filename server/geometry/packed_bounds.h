@@ -60,9 +60,10 @@ struct PackedBounds {
   // A quarter of min + max: half the centre, which cannot overflow, and neither can a difference of two.
   PackedFloats HalfCentre() const { return 0.25f * min + 0.25f * max; }
 
-  // Half of the surface area of the box times `scale`. Anything where the box is empty.
+  // Half of the surface area of the box times `scale`. Anything where the box is empty. Halves, since a difference may
+  // overflow; and the difference first, which is exact or nearly so however far from 0 the box lies.
   float HalfArea(float scale) const {
-    const PackedFloats d = scale * max - scale * min;
+    const PackedFloats d = (2 * scale) * (0.5f * max - 0.5f * min);
     return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
   }
 

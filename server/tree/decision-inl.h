@@ -85,7 +85,7 @@ class DecisionQueue {
   // As many as suspects of a ray, and a whole number of registers.
   static constexpr size_t kPairs = 8;
   static_assert(kPairs >= RaySlot::kMaxSuspects && kPairs % hn::MaxLanes(D()) == 0);
-  // 16 times as far as an origin may be.
+  // Far beyond any t in the frame.
   static constexpr double kFarthestEnd = 0x1p44;
 
   struct Vec {

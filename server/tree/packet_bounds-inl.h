@@ -71,9 +71,9 @@ class PacketBounds {
     direction_low = hn::Mul(direction_low, direction_scale), direction_high = hn::Mul(direction_high, direction_scale);
     // Components that count as 0 count as upward too.
     if (any(hn::And(negative, hn::Gt(direction_high, hn::Set(d4, -kLeastComponent))))) return false;
-    // The mesh is 1 to 2 wide, and what a packet meets in it must not be much narrower than the packet: neither far
-    // away nor near the origins, where rays that start from a surface would meet most of what is around them. What is
-    // so wide that the frame does not suit it is refused in any case, and NaN.
+    // The frame is 2 wide, the mesh at most that, and what a packet meets in it must not be much narrower than the
+    // packet: neither far away nor near the origins, where rays that start from a surface would meet most of what is
+    // around them. What is so wide that the frame does not suit it is refused in any case, and NaN.
     const float farthest = std::max(Setup::Greatest(origin_low), Setup::Greatest(origin_high));
     const V4 wideness = hn::Sub(direction_high, direction_low), apart = hn::Sub(origin_high, origin_low);
     const auto narrower = [&](V4 x, float limit) HWY_ATTR { return !any(hn::Not(hn::Lt(x, hn::Set(d4, limit)))); };

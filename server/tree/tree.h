@@ -16,7 +16,8 @@ namespace deltaray {
 // Levels of accuracy, from the fastest to the most accurate.
 enum class AccuracyLevel : uint8_t { kFast = 1, kWatertight = 2, kExact = 3 };
 
-// How rays are led through a tree; answers do not depend on it. Structures that know one way only take that.
+// How rays are led through a tree; answers do not depend on it, but for which of several surfaces is found at kFast
+// where they are closer together than t is off. Structures that know one way only take that.
 enum class Traversal : uint8_t {
   kAuto,    // packets or streams where the rays are coherent, batches else
   kSingle,  // one ray after the other

@@ -218,7 +218,7 @@ TEST_P(BuildBuilderTest, ScalingTheMeshScalesTheTree) {
   if (GetParam() == Builder::kTang2015) GTEST_SKIP() << "depends on the mesh's unit by design";
   const Config config = MakeConfig(GetParam(), Preset::kBalanced);
   const auto tree = BuildNow(Shared(mesh), config);
-  for (const int exponent : {-40, 7, 60}) {
+  for (const int exponent : {-90, -40, 7, 60, 90}) {
     TriangleMesh scaled = mesh;
     for (Vec3f& position : scaled.positions) position = std::ldexp(1.0f, exponent) * position;
     const auto scaled_tree = BuildNow(Shared(scaled), config);

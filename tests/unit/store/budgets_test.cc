@@ -117,11 +117,11 @@ TEST_F(TreeBytesTest, TreesInUseCountUntilTheirBatchesEnd) {
 
 TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
   const std::string small = Upload(1);
-  const auto put = Put(*store_, StripObj(2, 2 * kSquares));
+  const auto put = Put(*store_, StripObj(2, 5000));
   ASSERT_TRUE(put.ok()) << put.status();
   const auto answer = AwaitTree(*store_, put->info.id);
   ExpectOver(answer.status(), "more than the limit of 5000000 bytes (--tree-bytes)");
-  EXPECT_THAT(answer.status().ToString(), HasSubstr("of 12000 triangles"));
+  EXPECT_THAT(answer.status().ToString(), HasSubstr("of 10000 triangles"));
   EXPECT_EQ(State(put->info.id), MeshState::kFailed);
   EXPECT_EQ(State(small), MeshState::kReady);
   // A config that takes less may do.

@@ -67,6 +67,23 @@ TEST_P(WideTreeTest, OrdinaryRaysAreAnsweredAlikeAtEveryLevel) {
   }
 }
 
+// Such a vertex may lie anywhere; were it in the frame, the triangles would be smaller than any float's square.
+TEST_P(WideTreeTest, AVertexThatNoTriangleUsesChangesNothing) {
+  TriangleMesh mesh;
+  AddSphere(&mesh, {0.2, -0.1, 0.3}, 1, 24);
+  TriangleMesh with = mesh;
+  with.positions.push_back({1e30f, 0, 0});
+  const std::vector<Ray> rays = ChordRays(MeshBounds(mesh), 1000, 3);
+  const WideTree tree = MakeWide(mesh.triangles(), 1, 0, GetParam());
+  const WideTree tree_with = MakeWide(with.triangles(), 1, 0, GetParam());
+  for (const AccuracyLevel level : kLevels) {
+    std::vector<Hit> hits(rays.size()), hits_with(rays.size());
+    tree.ClosestHits(rays, {.accuracy = level}, hits);
+    tree_with.ClosestHits(rays, {.accuracy = level}, hits_with);
+    EXPECT_EQ(hits, hits_with);
+  }
+}
+
 // The power of two that scales such a mesh to its frame is beyond float, and a packet's bounds were 0 times infinity.
 TEST_P(WideTreeTest, PacketsMeetSubnormalMeshes) {
   for (const float size : {0x1p-126f, 0x1p-130f, 0x1p-146f}) {
