@@ -26,6 +26,11 @@ bool Exists(const std::string& path) {
   return std::filesystem::exists(path, error) || error;
 }
 
+// Whether a file can not be read for what may pass: then it is not known what it holds.
+bool MayPass(const absl::Status& status) {
+  return !status.ok() && !absl::IsNotFound(status) && !absl::IsDataLoss(status) && !absl::IsFailedPrecondition(status);
+}
+
 void Drop(const std::string& path, std::string_view why) {
   if (absl::Status status = RemoveFile(path); status.ok()) {
     spdlog::info("removed {}: {}", path, why);
@@ -96,7 +101,8 @@ absl::Status DataDirectory::LookAtMeshes(Changes* changes) {
       configs_.TellOf(id);
     }
     // That of a mesh that was read was read with it.
-    if (!read.contains(id)) changes->configs.emplace_back(id, config.ok() ? *config : Config());
+    if (!read.contains(id) && !MayPass(config.status()))
+      changes->configs.emplace_back(id, config.ok() ? *config : Config());
   }
   for (std::string& id : configs->gone) {
     refused_.erase(ConfigPath(id));
@@ -178,6 +184,7 @@ absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
   if (info->id != id)
     return absl::DataLossError(absl::StrCat("mesh file ", MeshPath(id), " holds a mesh of another id"));
   const absl::StatusOr<Config> config = ReadConfig(id);
+  if (MayPass(config.status())) return config.status();
   if (config.ok()) info->config = *config;
   return info;
 }
@@ -216,7 +223,7 @@ absl::StatusOr<Config> DataDirectory::ReadConfig(absl::string_view id) const {
 
 bool DataDirectory::Refuse(const std::string& path, const absl::Status& status) {
   if (refused_.insert(path).second) spdlog::error("refused: {}", status.ToString());
-  return !absl::IsDataLoss(status) && !absl::IsFailedPrecondition(status);
+  return MayPass(status);
 }
 
 std::string DataDirectory::MeshPath(absl::string_view id) const { return absl::StrCat(path_, "/meshes/", id, ".mesh"); }

@@ -159,11 +159,18 @@ absl::Status SyncFolder(const std::string& path) {
   return absl::OkStatus();
 }
 
-absl::Status RemoveFile(const std::string& path) {
-  if (unlink(path.c_str()) != 0) {
-    return errno == ENOENT ? absl::OkStatus() : FileError(errno, "remove", path);
+absl::Status RemoveFile(const std::string& path) { return RemoveFiles({&path, 1}); }
+
+absl::Status RemoveFiles(std::span<const std::string> paths) {
+  bool any = false;
+  for (const std::string& path : paths) {
+    if (unlink(path.c_str()) == 0) {
+      any = true;
+    } else if (errno != ENOENT) {
+      return FileError(errno, "remove", path);
+    }
   }
-  return SyncFolder(FolderOf(path));
+  return any ? SyncFolder(FolderOf(paths.front())) : absl::OkStatus();
 }
 
 absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {

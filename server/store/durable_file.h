@@ -60,6 +60,8 @@ absl::Status MakeFolder(const std::string& path);
 absl::Status SyncFolder(const std::string& path);
 // Removes a file and makes that durable. OK where there is none.
 absl::Status RemoveFile(const std::string& path);
+// The same for files of one folder, at the cost of one.
+absl::Status RemoveFiles(std::span<const std::string> paths);
 
 // Takes the lock of a file, which is made where missing and never removed. The lock goes with the descriptor, so with
 // the server too, whatever happens to it. UNAVAILABLE where somebody else has it for longer than `timeout`. Where the

@@ -16,10 +16,10 @@ absl::Status CheckAnnounced(UploadFile& file, const Upload::CommitOptions& optio
   if (!sha256.ok()) return sha256.status();
   if (options.size && *options.size != file.size()) {
     return absl::InvalidArgumentError(
-        absl::StrCat("size_bytes: ", *options.size, " bytes were announced, ", file.size(), " arrived"));
+        absl::StrCat("header.size_bytes: ", *options.size, " bytes were announced, ", file.size(), " arrived"));
   }
   if (!options.sha256.empty() && options.sha256 != *sha256) {
-    return absl::InvalidArgumentError(absl::StrCat("sha256: ", absl::BytesToHexString(options.sha256),
+    return absl::InvalidArgumentError(absl::StrCat("header.sha256: ", absl::BytesToHexString(options.sha256),
                                                    " was announced, ", absl::BytesToHexString(*sha256), " arrived"));
   }
   return absl::OkStatus();

@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <filesystem>
 #include <string>
+#include <thread>
 
 #include "server/store/sha256.h"
 #include "tests/unit/store/fixture.h"
@@ -63,6 +66,24 @@ TEST_F(DataDirectoryTest, AMeshWithADamagedHeadIsLeftOutAndItsFilesStay) {
   WriteFile(MeshFile(bad_), content);
   const auto store = OpenStore(path_);
   EXPECT_EQ(store->Get("bad")->config.delta, 7u);
+}
+
+TEST_F(DataDirectoryTest, AConfigThatCanNotBeReadForNowIsTheOneBefore) {
+  const auto store = OpenStore(path_);
+  ASSERT_TRUE(AwaitTree(*store, "bad").ok());
+  const std::string content = ReadFile(ConfigFile(bad_));
+  std::filesystem::remove(ConfigFile(bad_));
+  // Leads to itself.
+  std::filesystem::create_symlink(ConfigFile(bad_), ConfigFile(bad_));
+  ASSERT_TRUE(store->Name("another", bad_).ok());
+  EXPECT_EQ(store->Get("bad")->config.delta, 7u);
+  std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  EXPECT_EQ(store->Get("bad")->config.delta, 7u);
+  std::filesystem::remove(ConfigFile(bad_));
+  WriteFile(ConfigFile(bad_), content);
+  ASSERT_TRUE(store->Name("a third", bad_).ok());
+  EXPECT_EQ(store->Get("bad")->config.delta, 7u);
+  EXPECT_EQ(store->Watch("bad")->build_number, 1u);
 }
 
 TEST_F(DataDirectoryTest, DamagedGeometryIsNeverServed) {
