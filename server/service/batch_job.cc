@@ -36,7 +36,7 @@ void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tr
 
 }  // namespace
 
-void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final,
+void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
              std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
   // Whether WithTree has returned: a thread of the tracer may come back later as one of a build.
   const auto returned = std::make_shared<std::atomic<bool>>(false);
@@ -50,7 +50,7 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
     }
   };
   const absl::Status status = CatchExceptions([&] {
-    backend.store->WithTree(mesh, wait_final, on_tree);
+    backend.store->WithTree(mesh, wait_final, on_tree, std::move(cancelled));
     *returned = true;
     return absl::OkStatus();
   });
@@ -58,7 +58,8 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
 }
 
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
-  UseTree(backend, job->mesh, job->query.wait_final, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
+  const auto cancelled = [job] { return job->cancelled(); };
+  UseTree(backend, job->mesh, job->query.wait_final, cancelled, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
     if (tree.ok()) {
       Trace(backend, *job, *tree);
     } else {

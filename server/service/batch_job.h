@@ -29,12 +29,12 @@ struct RayBackend {
 };
 
 // Calls `use` with the best tree of the mesh that there is, or as soon as there is one (with `wait_final`, the final
-// one), or with why there is none; not at all where the server ends first. It must not throw, and all calls but the
-// first one are to be ignored.
+// one), or with why there is none; not at all where the server ends first, or where `cancelled`, asked from any thread,
+// says that nobody waits any more. It must not throw, and all calls but the first one are to be ignored.
 //
 // Where there is a tree already, `use` runs on the calling thread, else with a tree on one of the tracer. Must not be
 // called with a lock held that `use` takes.
-void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final,
+void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
              std::function<void(absl::StatusOr<MeshStore::Answer>)> use);
 
 struct BatchJob {
@@ -49,8 +49,8 @@ struct BatchJob {
   std::shared_ptr<BatchMeter> meter;
   // Whether the answer is not wanted any more. Asked from any thread.
   std::function<bool()> cancelled;
-  // Called from any thread, with no lock held; not at all where the server ends first. Must not throw. All calls but
-  // the first one are to be ignored.
+  // Called from any thread, with no lock held; not at all where the server ends first, or where it was cancelled while
+  // it waited for a tree. Must not throw. All calls but the first one are to be ignored.
   std::function<void(absl::StatusOr<Answer>)> done;
 };
 

@@ -11,8 +11,8 @@
 
 namespace deltaray {
 
-// Refuses calls over a limit with RESOURCE_EXHAUSTED. Health checks and reflection are gRPC's own and not counted: they
-// are answered however many calls there are. Thread-safe.
+// Refuses calls over a limit with RESOURCE_EXHAUSTED. Reflection, and the health of the server and its services, are
+// not counted: they are answered however many calls there are. Thread-safe.
 class CallLimits final : public CallWatcher {
  public:
   struct Options {

@@ -34,7 +34,7 @@ bool Health::IsMesh(absl::string_view service) { return absl::StartsWith(service
 Health::Status Health::Of(absl::string_view service) const {
   bool serves = true;
   if (absl::string_view mesh = service; absl::ConsumePrefix(&mesh, kMeshPrefix)) {
-    const absl::StatusOr<BuildReport> report = store_->Watch(mesh);
+    const absl::StatusOr<BuildReport> report = store_->Watch(mesh, /*start=*/true);
     if (absl::IsNotFound(report.status())) return HealthCheckResponse::SERVICE_UNKNOWN;
     serves = report.ok() && report->answers;
   } else if (!service.empty() && service != v1::MeshService::service_full_name() &&
@@ -47,7 +47,7 @@ Health::Status Health::Of(absl::string_view service) const {
 grpc::ServerUnaryReactor* HealthHandlers::Check(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   HealthCheckRequest message;
-  const absl::Status parsed = ParseMessage(*request, &message);
+  const absl::Status parsed = ParseSmallMessage(*request, &message);
   if (parsed.ok() && Health::IsMesh(message.service())) {
     return AnswerUnary<HealthCheckRequest, HealthCheckResponse>(
         calls_, {"Health/Check", context}, nullptr, kReplyBytes, request, response,
@@ -63,7 +63,7 @@ grpc::ServerUnaryReactor* HealthHandlers::Check(grpc::CallbackServerContext* con
 grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthHandlers::Watch(grpc::CallbackServerContext* context,
                                                                   const grpc::ByteBuffer* request) {
   HealthCheckRequest message;
-  absl::Status status = ParseMessage(*request, &message);
+  absl::Status status = ParseSmallMessage(*request, &message);
   if (status.ok() && watch_count_ >= kMaxWatches) {
     status =
         absl::ResourceExhaustedError(absl::StrCat("the server has ", kMaxWatches, " watches of its health, its limit"));

@@ -55,7 +55,7 @@ class HealthHandlers final
   grpc::ServerWriteReactor<grpc::ByteBuffer>* Watch(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* request) override;
 
-  // Watches are told NOT_SERVING and end; checks go on.
+  // Watches are told NOT_SERVING and end; checks of the server and its services go on.
   void Drain();
 
  private:

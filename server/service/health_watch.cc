@@ -34,7 +34,11 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthWatch::Start(Calls* calls, con
 
 void HealthWatch::Look() {
   if (finished_) return;
-  Tell();
+  const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    Tell();
+    return absl::OkStatus();
+  });
+  if (!status.ok()) FinishOnce(status);
   if (finished_) return;
   // As in WatchCall: an alarm can not be set anew from within its own callback.
   const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;

@@ -152,7 +152,9 @@ bool Listener::Hears(std::chrono::milliseconds patience) const {
 }
 
 absl::Status Listener::Rebind() {
-  if (unix_path_.empty()) return absl::OkStatus();
+  struct stat file;
+  const bool is_ours = stat(unix_path_.c_str(), &file) == 0 && file.st_ino == unix_inode_;
+  if (unix_path_.empty() || is_ours) return absl::OkStatus();
   EndThread();
   for (const int socket : std::exchange(sockets_, {})) close(socket);
   const absl::Status status = BindUnix(unix_path_);

@@ -36,7 +36,7 @@ class Listener {
   // Connects to itself. Whether some connection was accepted within `patience`, by us or refused. REQUIRES: Start was
   // called.
   bool Hears(std::chrono::milliseconds patience) const;
-  // Binds unix:path anew, whose file somebody may have taken away. Does nothing for host:port, which nobody can take.
+  // Binds unix:path anew, where somebody has taken its file away. Does nothing for host:port, which nobody can take.
   absl::Status Rebind();
   // Lets no more connections in, and closes the sockets. To be called before the server is shut down.
   void Stop();

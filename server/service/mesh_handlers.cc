@@ -127,14 +127,15 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::Callb
 grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext* context,
                                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetBuildStatsRequest, v1::GetBuildStatsResponse>(
-      calls_, {"MeshService/GetBuildStats", context}, nullptr, backend_.max_message_bytes, request, response,
+      // The statistics of a tree that is not final look at all of it.
+      calls_, {"MeshService/GetBuildStats", context}, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::GetBuildStatsRequest& stats) -> absl::StatusOr<v1::GetBuildStatsResponse> {
-        absl::StatusOr<MeshInfo> info = store->Get(stats.mesh());
-        if (!info.ok()) return info.status();
-        absl::StatusOr<StoredStatistics> statistics = store->Statistics(info->id);
+        const absl::StatusOr<std::string> id = store->Resolve(stats.mesh());
+        if (!id.ok()) return id.status();
+        absl::StatusOr<StoredStatistics> statistics = store->Statistics(*id);
         if (!statistics.ok()) return statistics.status();
         v1::GetBuildStatsResponse reply;
-        reply.set_id(info->id);
+        reply.set_id(*id);
         *reply.mutable_stats() = ToMessage(*statistics);
         return reply;
       });

@@ -20,6 +20,17 @@ absl::Status ParseMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite*
       absl::StrCat("malformed message: these ", size, " bytes are not a ", message->GetTypeName()));
 }
 
+absl::Status ParseSmallMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite* message) {
+  if (absl::Status status = CheckSmall(bytes.Length(), message->GetTypeName()); !status.ok()) return status;
+  return ParseMessage(std::move(bytes), message);
+}
+
+absl::Status CheckSmall(size_t bytes, absl::string_view what) {
+  if (bytes <= kMaxSmallMessageBytes) return absl::OkStatus();
+  return absl::ResourceExhaustedError(absl::StrCat(what, " takes ", bytes, " bytes, over the limit of ",
+                                                   kMaxSmallMessageBytes, " bytes besides rays and files"));
+}
+
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message) {
   grpc::ByteBuffer bytes;
   bool own;

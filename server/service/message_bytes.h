@@ -6,10 +6,12 @@
 #ifndef SERVER_SERVICE_MESSAGE_BYTES_H_
 #define SERVER_SERVICE_MESSAGE_BYTES_H_
 
+#include <cstddef>
 #include <cstdint>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "google/protobuf/message_lite.h"
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/slice.h"
@@ -18,6 +20,15 @@ namespace deltaray {
 
 // Parses `bytes` and lets go of them. INVALID_ARGUMENT where they are no such message.
 absl::Status ParseMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite* message);
+
+// What a message may take besides rays and bytes of files. Parsed, a message of hostile fields takes some 25 times as
+// much as on the wire.
+inline constexpr size_t kMaxSmallMessageBytes = 64 << 10;
+
+// ParseMessage for messages without such arrays: RESOURCE_EXHAUSTED where one takes more than kMaxSmallMessageBytes.
+absl::Status ParseSmallMessage(grpc::ByteBuffer bytes, google::protobuf::MessageLite* message);
+// RESOURCE_EXHAUSTED: `what`, of `bytes`, is over kMaxSmallMessageBytes.
+absl::Status CheckSmall(size_t bytes, absl::string_view what);
 
 // REQUIRES: the message takes less than 2 GiB.
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message);

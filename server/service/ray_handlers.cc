@@ -118,8 +118,12 @@ void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const C
                const RayBatchBytes& rays, BatchCall& call) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
-    absl::StatusOr<v1::CompareAccuracyResponse> response = CompareAccuracy(
-        *tree.snapshot, comparison, rays, backend.limits.max_rays, [&call] { return call.cancelled(); });
+    const auto cancelled = [&] {
+      backend.tracer->RunShort();
+      return call.cancelled();
+    };
+    absl::StatusOr<v1::CompareAccuracyResponse> response =
+        CompareAccuracy(*tree.snapshot, comparison, rays, backend.limits.max_rays, cancelled);
     if (!response.ok()) return response.status();
     backend.store->NoteAnswer(tree);
     response->set_mesh_id(tree.id);
@@ -138,14 +142,15 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<B
   const absl::StatusOr<ComparisonQuery> comparison = ReadComparison(request);
   if (!comparison.ok()) return comparison.status();
   const auto compare = [backend, call, rays, mesh = request.mesh(), comparison = *comparison] {
-    UseTree(backend, mesh, comparison.query.wait_final,
-            [backend, call, rays, comparison](absl::StatusOr<MeshStore::Answer> tree) {
-              if (tree.ok()) {
-                CompareOn(*tree, backend, comparison, *rays, *call);
-              } else {
-                call->Reply(tree.status(), {});
-              }
-            });
+    UseTree(
+        backend, mesh, comparison.query.wait_final, [call] { return call->cancelled(); },
+        [backend, call, rays, comparison](absl::StatusOr<MeshStore::Answer> tree) {
+          if (tree.ok()) {
+            CompareOn(*tree, backend, comparison, *rays, *call);
+          } else {
+            call->Reply(tree.status(), {});
+          }
+        });
   };
   const uint64_t errors_bytes = rays->rays.size / comparison->query.RayBytes() * kComparisonBytesPerRay;
   const absl::StatusOr<bool> now = call->MayBegin(message_bytes, message_bytes + errors_bytes, backend.tracer, compare);

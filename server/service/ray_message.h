@@ -8,23 +8,21 @@
 #include "absl/status/status.h"
 #include "deltaray/v1/ray_service.pb.h"
 #include "grpcpp/support/byte_buffer.h"
+#include "server/service/message_fields.h"
 #include "server/service/message_slices.h"
 
 namespace deltaray {
 
 // The two arrays of a v1::RayBatch, where they lie in the message that it arrived in.
 struct RayBatchBytes {
-  struct Range {
-    size_t offset = 0;
-    size_t size = 0;
-  };
   MessageSlices message;
-  Range rays;
-  Range excluded_primitive_ids;
+  MessageRange rays;
+  MessageRange excluded_primitive_ids;
 };
 
 // Parses `bytes`. The rays, of which there are most bytes by far, go to `rays` and not to request->rays(), of which
-// only whether it is set tells something. INVALID_ARGUMENT, as ParseMessage says, where `bytes` are no such message.
+// only whether it is set tells something. INVALID_ARGUMENT, as ParseMessage says, where `bytes` are no such message;
+// RESOURCE_EXHAUSTED where they are more than kMaxSmallMessageBytes besides the arrays.
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CastRaysRequest* request, RayBatchBytes* rays);
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::CompareAccuracyRequest* request, RayBatchBytes* rays);
 absl::Status ParseRayMessage(grpc::ByteBuffer bytes, v1::StreamRaysRequest* request, RayBatchBytes* rays);

@@ -153,6 +153,7 @@ class GrpcServer final : public Server {
       const auto now = std::chrono::steady_clock::now();
       calls_.Tick(now);
       batch_budget_.Tick(now);
+      store_->ForgetCancelled();
       wake_call_->Make();
     });
     watchdog_.emplace(

@@ -11,7 +11,7 @@ constexpr const char* kStateNames[] = {"stored", "building", "provisional", "rea
 }  // namespace
 
 std::vector<prometheus::MetricFamily> StoreMetrics::Collect() const {
-  metrics_->meshes().Prune([this](const std::string& id) { return store_->Get(id).ok(); });
+  metrics_->meshes().Prune([this](const std::string& id) { return store_->Resolve(id).ok(); });
 
   const StoreUsage usage = store_->Usage();
   std::vector<std::pair<std::string, double>> states;

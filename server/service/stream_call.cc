@@ -103,6 +103,7 @@ void StreamCall::OnRoomToRead() {
     incoming_share_ = nullptr;
     return;
   }
+  NoteActivity();
   reading_ = true;
   StartRead(&incoming_);
 }
@@ -126,13 +127,13 @@ void StreamCall::OnReplyLost() {
 
 absl::StatusOr<StreamCall::Target> StreamCall::ReadStart(grpc::ByteBuffer message) const {
   v1::StreamRaysRequest request;
-  if (absl::Status status = ParseMessage(std::move(message), &request); !status.ok()) return status;
+  if (absl::Status status = ParseSmallMessage(std::move(message), &request); !status.ok()) return status;
   if (!request.has_start()) return absl::InvalidArgumentError("the first message of the stream must hold start");
   absl::StatusOr<BatchQuery> query = ReadQuery(request.start().query());
   if (!query.ok()) return Prefix(query.status(), "start.");
-  absl::StatusOr<MeshInfo> mesh = backend_.store->Get(request.start().mesh());
-  if (!mesh.ok()) return Prefix(mesh.status(), "start.mesh: ");
-  return Target{mesh->id, *query};
+  absl::StatusOr<std::string> id = backend_.store->Resolve(request.start().mesh());
+  if (!id.ok()) return Prefix(id.status(), "start.mesh: ");
+  return Target{*std::move(id), *query};
 }
 
 void StreamCall::OnWriteDone(bool ok) {
@@ -157,7 +158,8 @@ void StreamCall::OnWriteDone(bool ok) {
 
 void StreamCall::OnDrain() {
   MutexLock lock(mutex_);
-  draining_ = true;
+  // A client that has sent all gets all its answers.
+  draining_ = !reads_ended_;
   // Starts nothing new to work on: all batches in line that can be in hand are.
   Advance();
 }
@@ -166,7 +168,8 @@ void StreamCall::BeforeFinish() { context_->AddTrailingMetadata("deltaray-batche
 
 const char* StreamCall::MissingFromClient() const {
   if (writing_) return "not taken a reply";
-  return line_.empty() ? "sent nothing" : nullptr;
+  // Where nothing is read, the stream waits for the budget.
+  return line_.empty() && reading_ ? "sent nothing" : nullptr;
 }
 
 std::vector<StreamCall::BatchPointer> StreamCall::Advance() {

@@ -38,7 +38,8 @@ class UnaryCall : public CallReactor<grpc::ServerUnaryReactor> {
 };
 
 // Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block.
-// A reply of more than max_reply_bytes becomes RESOURCE_EXHAUSTED.
+// The request holds neither rays nor files, see ParseSmallMessage. A reply of more than max_reply_bytes becomes
+// RESOURCE_EXHAUSTED.
 template <typename Request, typename Response>
 grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, const RpcInfo& rpc, WorkerPool* pool, uint64_t max_reply_bytes,
                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
@@ -50,7 +51,7 @@ grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, const RpcInfo& rpc, WorkerPo
     grpc::ByteBuffer reply;
     const absl::Status status = CatchExceptions([&]() -> absl::Status {
       Request message;
-      if (absl::Status status = ParseMessage(bytes, &message); !status.ok()) return status;
+      if (absl::Status status = ParseSmallMessage(bytes, &message); !status.ok()) return status;
       const absl::StatusOr<Response> answer = handler(message);
       if (!answer.ok()) return answer.status();
       absl::StatusOr<grpc::ByteBuffer> bytes = SerializeReply(*answer, max_reply_bytes);

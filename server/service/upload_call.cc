@@ -7,9 +7,22 @@
 #include "deltaray/v1/mesh_service.pb.h"
 #include "server/service/mesh_messages.h"
 #include "server/service/message_bytes.h"
+#include "server/service/message_fields.h"
 #include "spdlog/spdlog.h"
 
 namespace deltaray {
+namespace {
+
+absl::Status ParseUpload(grpc::ByteBuffer bytes, v1::UploadMeshRequest* request) {
+  const MessageSlices message(bytes);
+  const size_t others = BytesBeside(message, {0, message.size()}, [](const Field& field) {
+    return field.number == v1::UploadMeshRequest::kChunkFieldNumber;
+  });
+  if (absl::Status status = CheckSmall(others, request->GetTypeName()); !status.ok()) return status;
+  return ParseMessage(std::move(bytes), request);
+}
+
+}  // namespace
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* UploadCall::Start(Calls* calls, const RpcInfo& rpc,
                                                              const UploadBackend& backend, grpc::ByteBuffer* response) {
@@ -76,7 +89,7 @@ void UploadCall::RunStep(WorkerPool* pool, Step step) {
 absl::Status UploadCall::TakeMessage() {
   v1::UploadMeshRequest request;
   const std::string where = absl::StrCat("message ", messages_, ": ");
-  if (absl::Status status = ParseMessage(std::exchange(incoming_, grpc::ByteBuffer()), &request); !status.ok()) {
+  if (absl::Status status = ParseUpload(std::exchange(incoming_, grpc::ByteBuffer()), &request); !status.ok()) {
     return absl::Status(status.code(), absl::StrCat(where, status.message()));
   }
   if (messages_++ == 0) {

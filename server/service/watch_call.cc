@@ -31,11 +31,11 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, const
 
 absl::Status WatchCall::Resolve(const grpc::ByteBuffer& request) {
   v1::WatchBuildRequest message;
-  if (absl::Status status = ParseMessage(request, &message); !status.ok()) return status;
+  if (absl::Status status = ParseSmallMessage(request, &message); !status.ok()) return status;
   // By id from here on: the name may move.
-  absl::StatusOr<MeshInfo> mesh = store_->Get(message.mesh());
-  if (mesh.ok()) id_ = mesh->id;
-  return mesh.status();
+  absl::StatusOr<std::string> id = store_->Resolve(message.mesh());
+  if (id.ok()) id_ = *std::move(id);
+  return id.status();
 }
 
 void WatchCall::Look() {
@@ -54,7 +54,9 @@ void WatchCall::Look() {
 }
 
 absl::Status WatchCall::Report() {
-  absl::StatusOr<BuildReport> report = store_->Watch(id_);
+  // Once: of meshes that do not fit into memory together, those who watch them would have each other's built again and
+  // again.
+  absl::StatusOr<BuildReport> report = store_->Watch(id_, /*start=*/!reported_);
   if (!report.ok()) return report.status();
   if (writing_) return absl::OkStatus();
 
@@ -76,6 +78,7 @@ absl::Status WatchCall::Report() {
   outgoing_ = SerializeMessage(response);
   if (over) {
     finished_ = true;
+    NoteActivity();
     StartWriteAndFinish(&outgoing_, grpc::WriteOptions(), grpc::Status::OK);
   } else {
     writing_ = true;
@@ -85,10 +88,17 @@ absl::Status WatchCall::Report() {
 }
 
 bool WatchCall::IsOver(const BuildReport& report) {
-  if (report.state == MeshState::kReady || report.state == MeshState::kFailed) return true;
-  if (report.state != MeshState::kProvisional) return false;
-  const absl::StatusOr<MeshInfo> mesh = store_->Get(id_);
-  return mesh.ok() && mesh->config.lazy;
+  switch (report.state) {
+    case MeshState::kReady:
+    case MeshState::kFailed:
+    case MeshState::kStored:  // it has made room for others
+      return true;
+    case MeshState::kProvisional:
+      return report.progress.lazy;
+    case MeshState::kBuilding:
+      return false;
+  }
+  return false;
 }
 
 void WatchCall::OnWriteDone(bool ok) {

@@ -31,6 +31,14 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
     const TreeShape shape = build()->statistics().shape;
     tree_bytes_ = shape.node_bytes + shape.reference_bytes;
   }
+  // Where it failed after its provisional tree stood, that goes on to answer.
+  if (const std::shared_ptr<Build> failed = status.ok() ? nullptr : build(); failed && failed->snapshot()) {
+    try {
+      HoldTree(0);
+    } catch (const std::bad_alloc&) {
+      // It keeps what it has.
+    }
+  }
   // Destroyed, after the lock and in this order, where nothing is to be had from the build.
   std::shared_ptr<TreeBudget::Reservation> memory;
   std::shared_ptr<Build> dropped;
@@ -40,6 +48,15 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
   if (!status.ok() && build_ && !build_->snapshot()) dropped.swap(build_);
   if (!build_) memory.swap(memory_);
   return status;
+}
+
+std::shared_ptr<BuildRun> BuildRun::WithoutTree() const {
+  const auto run = std::make_shared<BuildRun>(number_, config_, triangles_);
+  MutexLock lock(mutex_);
+  MutexLock run_lock(run->mutex_);
+  run->begun_ = begun_, run->begin_ = begin_;
+  run->ended_ = ended_, run->status_ = status_;
+  return run;
 }
 
 absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options,
@@ -86,9 +103,11 @@ void BuildRun::Hold(std::shared_ptr<TreeBudget::Reservation> memory) {
 }
 
 void BuildRun::HoldTree(uint64_t provisional_bytes) {
+  const std::shared_ptr<const TreeSnapshot> tree = build()->snapshot();
+  // Before the lock: it looks at the whole tree.
+  const uint64_t final_bytes = TreeBytes(*tree->tree) + tree->mesh->Bytes();
   MutexLock lock(mutex_);
-  const std::shared_ptr<const TreeSnapshot> tree = build_->snapshot();
-  std::shared_ptr<TreeBudget::Reservation> final = memory_->Split(TreeBytes(*tree->tree) + tree->mesh->Bytes());
+  std::shared_ptr<TreeBudget::Reservation> final = memory_->Split(final_bytes);
   // Batches may hold the provisional tree for longer, and this with it.
   memory_->ShrinkTo(provisional_bytes);
   memory_ = std::move(final);

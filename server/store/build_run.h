@@ -55,6 +55,9 @@ class BuildRun {
   // rays can be answered; it is over before has_ended(). REQUIRES: called at most once.
   absl::Status Run(const LoadMesh& load, const Build::Options& options, const std::function<void()>& on_provisional);
 
+  // A run that has ended in the same way and has no tree. REQUIRES: has_ended().
+  std::shared_ptr<BuildRun> WithoutTree() const;
+
   // Makes Run end soon, also where it comes before Run.
   void Cancel();
   // Gives the run the memory that it may take until its tree stands. From then on it has as much as the tree and its
@@ -82,7 +85,7 @@ class BuildRun {
  private:
   absl::Status LoadAndBuild(const LoadMesh& load, Build::Options options, const std::function<void()>& on_provisional);
   std::shared_ptr<Build> build() const;
-  // Gives back what the build took beside the finished tree.
+  // Gives back what the build took beside the tree that stands, and its provisional one before.
   void HoldTree(uint64_t provisional_bytes);
 
   const uint64_t number_;

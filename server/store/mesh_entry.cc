@@ -78,7 +78,8 @@ void MeshEntry::SetConfig(const Config& config) {
   old->Cancel();
 }
 
-void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback) {
+bool MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback,
+                         std::function<bool()> cancelled) {
   absl::StatusOr<MeshStore::Answer> answer;
   Touch();
   {
@@ -96,13 +97,28 @@ void MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
       absl::Status started;
       if (!current_ || !current_->status().ok()) started = StartRun(config_);
       if (started.ok()) {
-        waiters_.push_back({final, std::move(callback)});
-        return;
+        waiters_.push_back({final, std::move(callback), std::move(cancelled)});
+        return true;
       }
       answer = started;
     }
   }
   callback(std::move(answer));
+  return false;
+}
+
+void MeshEntry::ForgetCancelled() {
+  std::vector<Waiter> forgotten;  // destroyed after the lock
+  MutexLock lock(mutex_);
+  const auto end = std::stable_partition(waiters_.begin(), waiters_.end(),
+                                         [](const Waiter& w) { return !w.cancelled || !w.cancelled(); });
+  forgotten.assign(std::make_move_iterator(end), std::make_move_iterator(waiters_.end()));
+  waiters_.erase(end, waiters_.end());
+}
+
+bool MeshEntry::IsWaitedFor() const {
+  MutexLock lock(mutex_);
+  return !waiters_.empty();
 }
 
 void MeshEntry::StopWaiting(const absl::Status& status) {
@@ -115,9 +131,9 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
   for (Waiter& waiter : waiters) waiter.callback(status);
 }
 
-absl::StatusOr<BuildReport> MeshEntry::Watch() {
+absl::StatusOr<BuildReport> MeshEntry::Watch(bool start) {
   MutexLock lock(mutex_);
-  if (!current_) {
+  if (!current_ && start) {
     if (absl::Status status = StartRun(config_); !status.ok()) return status;
   }
   BuildReport report = current_ ? CurrentReport() : BuildReport();
@@ -168,8 +184,8 @@ bool MeshEntry::Drop() {
   const bool keep_current = !current_ || !current_->has_ended() || !waiters_.empty();
   finished = std::exchange(finished_, nullptr);
   if (answering_ && !(keep_current && answering_ == current_)) answering.swap(answering_);
-  // A failure is remembered.
-  if (!keep_current && current_->status().ok()) current.swap(current_);
+  // A failure is remembered, but not what it has of a tree.
+  if (!keep_current) current = std::exchange(current_, current_->status().ok() ? nullptr : current_->WithoutTree());
   return uploaded.mesh || finished || answering;
 }
 
@@ -278,6 +294,7 @@ void MeshEntry::End(const std::shared_ptr<BuildRun>& run, const absl::Status& st
       old = std::exchange(finished_, run);
     } else if (finished_) {
       old = std::exchange(answering_, finished_);
+      current_ = run->WithoutTree();
     }
     waiters.swap(waiters_);
   }

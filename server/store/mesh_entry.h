@@ -57,12 +57,17 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   // Takes over the config that another server gave the mesh: where it differs, a tree or build of the old one is
   // replaced by a build of the new one.
   void SetConfig(const Config& config);
-  // MeshStore::WithTree. A failed build is tried again by whoever comes a second later or more.
-  void WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback);
+  // MeshStore::WithTree. A failed build is tried again by whoever comes a second later or more. Returns whether the
+  // callback waits.
+  bool WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback,
+                std::function<bool()> cancelled);
+  // MeshStore::ForgetCancelled.
+  void ForgetCancelled();
+  bool IsWaitedFor() const;
   // MeshStore::StopWaiting.
   void StopWaiting(const absl::Status& status);
-  // MeshStore::Watch: starts the build of a mesh that is only stored.
-  absl::StatusOr<BuildReport> Watch();
+  // MeshStore::Watch.
+  absl::StatusOr<BuildReport> Watch(bool start);
   // Adds this mesh to what all take in memory.
   void AddUsage(StoreUsage* usage) const;
   // MeshStore::Statistics.
@@ -81,6 +86,7 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   struct Waiter {
     bool final;
     std::function<void(absl::StatusOr<MeshStore::Answer>)> callback;
+    std::function<bool()> cancelled;  // may be empty
   };
 
   // REQUIRES: current_ is set.

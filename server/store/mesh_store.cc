@@ -35,14 +35,17 @@ class Store final : public MeshStore {
 
   absl::StatusOr<std::unique_ptr<Upload>> StartUpload() override;
   absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const override;
+  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override;
   std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const override;
   absl::StatusOr<std::string> Name(absl::string_view name, absl::string_view mesh) override;
   absl::StatusOr<std::string> Delete(absl::string_view mesh) override;
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override;
-  void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) override;
+  void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
+                std::function<bool()> cancelled) override;
+  void ForgetCancelled() override;
   void StopWaiting(const absl::Status& status) override { directory_.catalog().StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override;
-  absl::StatusOr<BuildReport> Watch(absl::string_view mesh) override;
+  absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start) override;
   absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const override;
   StoreUsage Usage() const override;
 
@@ -58,7 +61,8 @@ class Store final : public MeshStore {
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
 
-  void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback);
+  void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
+                std::function<bool()> cancelled);
 
   // Whether an upload may add what it adds.
   absl::Status CheckLimits(const NewMesh& upload, bool is_new) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
@@ -74,6 +78,9 @@ class Store final : public MeshStore {
   mutable FollowedDirectory directory_;
   // Held by whoever changes the directory, for as long as it waits for the other servers and acts.
   Mutex change_mutex_;  // before directory_.mutex()
+  // The meshes whose tree somebody may wait for.
+  Mutex waited_for_mutex_;  // before those of the entries
+  std::set<EntryPointer> waited_for_ ABSL_GUARDED_BY(waited_for_mutex_);
 };
 
 class StoreUpload final : public Upload {
@@ -151,6 +158,8 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
 
     const bool is_new = !entry;  // to memory: the mesh of a lost file is so again
     if (is_new) {
+      // Names of one that another server has deleted a moment ago.
+      for (const std::string& name : directory_.catalog().NamesOf(id)) directory_.ReadName(name).IgnoreError();
       MeshInfo info = upload.info;
       const absl::StatusOr<Config> kept = directory_.files().ReadConfig(id);
       info.config = upload.config ? *upload.config : kept.ok() ? *kept : Config();
@@ -228,6 +237,12 @@ absl::StatusOr<MeshInfo> Store::Get(absl::string_view mesh) const {
   return InfoWithGroups(**entry);
 }
 
+absl::StatusOr<std::string> Store::Resolve(absl::string_view mesh) const {
+  const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
+  if (!entry.ok()) return entry.status();
+  return (*entry)->id();
+}
+
 MeshInfo Store::InfoWithGroups(const MeshEntry& entry) const {
   MeshInfo info = directory_.catalog().Info(entry);
   info.groups = entry.groups();
@@ -291,10 +306,11 @@ absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
     return entry.status();
   }
   // Names first, then config, then mesh, for the same reason as in MoveFiles.
-  for (const std::string& name : directory_.catalog().NamesOf(id)) {
-    if (absl::Status status = RemoveFile(directory_.files().NamePath(name)); !status.ok()) return status;
-    directory_.catalog().MoveName(name, "");
-  }
+  const std::set<std::string> names = directory_.catalog().NamesOf(id);
+  std::vector<std::string> paths;
+  for (const std::string& name : names) paths.push_back(directory_.files().NamePath(name));
+  if (absl::Status status = RemoveFiles(paths); !status.ok()) return status;
+  for (const std::string& name : names) directory_.catalog().MoveName(name, "");
   if (absl::Status status = RemoveMeshFiles(id); !status.ok()) return status;
   dropped.Add(directory_.catalog().Remove(id));
   spdlog::info("deleted mesh {}", id);
@@ -323,30 +339,45 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
   return InfoWithGroups(**entry);
 }
 
-void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) {
-  WithTree(mesh, final, kTriesOfDeletedMesh, std::move(callback));
+void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
+                     std::function<bool()> cancelled) {
+  WithTree(mesh, final, kTriesOfDeletedMesh, std::move(callback), std::move(cancelled));
 }
 
 void Store::WithTree(absl::string_view mesh, bool final, int tries,
-                     std::function<void(absl::StatusOr<Answer>)> callback) {
+                     std::function<void(absl::StatusOr<Answer>)> callback, std::function<bool()> cancelled) {
   const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
   if (!entry.ok()) return callback(entry.status());
-  (*entry)->WithTree(final, [this, mesh = std::string(mesh), id = (*entry)->id(), final, tries,
-                             callback = std::move(callback)](absl::StatusOr<Answer> answer) {
+  auto on_tree = [this, mesh = std::string(mesh), id = (*entry)->id(), final, tries, callback = std::move(callback),
+                  cancelled](absl::StatusOr<Answer> answer) {
     // Another server had deleted the mesh, and it may have been uploaded again before it was asked for.
     if (!absl::IsNotFound(answer.status()) || tries == 0 || !directory_.IsThere(id)) return callback(std::move(answer));
-    WithTree(mesh, final, tries - 1, callback);
-  });
+    WithTree(mesh, final, tries - 1, callback, cancelled);
+  };
+  if (!(*entry)->WithTree(final, std::move(on_tree), std::move(cancelled))) return;
+  MutexLock lock(waited_for_mutex_);
+  waited_for_.insert(*entry);
+}
+
+void Store::ForgetCancelled() {
+  std::vector<EntryPointer> entries;
+  {
+    MutexLock lock(waited_for_mutex_);
+    entries.assign(waited_for_.begin(), waited_for_.end());
+  }
+  for (const EntryPointer& entry : entries) entry->ForgetCancelled();
+  MutexLock lock(waited_for_mutex_);
+  std::erase_if(waited_for_, [](const EntryPointer& entry) { return !entry->IsWaitedFor(); });
 }
 
 void Store::NoteAnswer(const Answer& answer) {
   if (answer.first_answer) answer.first_answer->Note();
 }
 
-absl::StatusOr<BuildReport> Store::Watch(absl::string_view mesh) {
+absl::StatusOr<BuildReport> Store::Watch(absl::string_view mesh, bool start) {
   const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
   if (!entry.ok()) return entry.status();
-  return (*entry)->Watch();
+  return (*entry)->Watch(start);
 }
 
 absl::StatusOr<StoredStatistics> Store::Statistics(absl::string_view mesh) const {

@@ -148,6 +148,8 @@ class MeshStore {
   virtual absl::StatusOr<std::unique_ptr<Upload>> StartUpload() = 0;
 
   virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
+  // The id of a mesh, where there is such a mesh. Cheap.
+  virtual absl::StatusOr<std::string> Resolve(absl::string_view mesh) const = 0;
   // At most `limit` meshes with id > after_id, in order of id, without groups.
   virtual std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const = 0;
 
@@ -168,8 +170,13 @@ class MeshStore {
   // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
   // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
   // thread, or later, on another; it must not block. Where the build failed: DATA_LOSS for a damaged file,
-  // RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION.
-  virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) = 0;
+  // RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION. `cancelled` tells, on any thread,
+  // that nobody wants the tree any more: the callback is then let go, and is not called.
+  virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
+                        std::function<bool()> cancelled = nullptr) = 0;
+
+  // Lets go of the callbacks whose tree nobody wants any more. To be called several times a second.
+  virtual void ForgetCancelled() = 0;
 
   // From now on nobody waits for a tree: the callbacks that do, and later ones for which there is no tree, get
   // `status`. Builds go on.
@@ -178,8 +185,8 @@ class MeshStore {
   // Notes that a ray was answered from the mesh's current build, for BuildStats.first_answer_seconds. Cheap.
   virtual void NoteAnswer(const Answer& answer) = 0;
 
-  // Starts the build of a mesh that is only stored.
-  virtual absl::StatusOr<BuildReport> Watch(absl::string_view mesh) = 0;
+  // How far the build is; with `start`, of a mesh that is only stored the build is started.
+  virtual absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start = true) = 0;
   virtual absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const = 0;
   // Looks at every mesh, but at no tree.
   virtual StoreUsage Usage() const = 0;

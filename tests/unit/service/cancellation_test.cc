@@ -1,7 +1,10 @@
 // Work for clients that have gone, or do not want it any more, stops soon.
 
 #include <atomic>
+#include <memory>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -97,6 +100,39 @@ TEST_F(CancellationTest, WorkStopsAtTheDeadlineOfTheCall) {
             StatusCode::DEADLINE_EXCEEDED);
   EXPECT_GT(queries_, 0);
   EXPECT_LT(WorkAfter(deadline), milliseconds(100));
+}
+
+TEST_F(CancellationTest, CallsThatWaitedForATreeGiveTheirMemoryBack) {
+  // Builds outlive the test's body.
+  const auto hold = std::make_shared<std::atomic<bool>>(false);
+  options_.store.on_delta_leaf = [hold] {
+    while (*hold) std::this_thread::sleep_for(milliseconds(1));
+  };
+  options_.batch.max_message_bytes = 1 << 20;
+  options_.batch_bytes = 4 << 20;
+  Start();
+  UploadSquares(1, 0, "ready");
+  const auto cast = [this](const std::string& mesh, milliseconds timeout) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + timeout);
+    v1::CastRaysRequest request = Request(v1::QUERY_KIND_CLOSEST_HIT);
+    request.set_mesh(mesh);
+    request.mutable_query()->set_wait(v1::BUILD_WAIT_FINAL);
+    std::string& rays = *request.mutable_rays()->mutable_rays();
+    while (rays.size() < 900'000) rays += rays.substr(0, 96'000);
+    v1::CastRaysResponse response;
+    return rays_->CastRays(&context, request, &response).error_code();
+  };
+  ASSERT_EQ(cast("ready", milliseconds(10'000)), StatusCode::OK);
+  *hold = true;
+  UploadSquares(100, 1000, "building");
+  std::vector<std::thread> clients;
+  for (int i = 0; i < 6; ++i) {
+    clients.emplace_back([&] { EXPECT_NE(cast("building", milliseconds(500)), StatusCode::OK); });
+  }
+  for (std::thread& client : clients) client.join();
+  EXPECT_EQ(cast("ready", milliseconds(5'000)), StatusCode::OK);
+  *hold = false;
 }
 
 TEST(TracerTest, ShortTasksDoNotWaitForLongOnes) {

@@ -157,6 +157,9 @@ TEST_F(HealthTest, AMalformedRequestIsRefused) {
   Start();
   grpc::ByteBuffer response;
   EXPECT_EQ(CallRaw("/grpc.health.v1.Health/Check", "\x0a\x7f", &response).error_code(), StatusCode::INVALID_ARGUMENT);
+  // What a watch is asked for stays in memory.
+  Watch watch(NewStub(), Request(std::string(70'000, 's')));
+  EXPECT_EQ(watch.Next(), absl::StrCat("code ", StatusCode::RESOURCE_EXHAUSTED));
 }
 
 }  // namespace

@@ -490,6 +490,41 @@ TEST_F(MeshHandlersTest, WatchReportsAtMostTenTimesASecond) {
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(590));
 }
 
+TEST_F(MeshHandlersTest, WatchEndsWhenTheTreeHasMadeRoom) {
+  std::atomic<int> looks{0};
+  HookedStore::Hooks hooks;
+  hooks.on_watch = [&looks](BuildReport* report) {
+    report->state = ++looks < 3 ? MeshState::kBuilding : MeshState::kStored;
+  };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  std::vector<v1::WatchBuildResponse> reports;
+  ASSERT_TRUE(WatchAll("squares", &reports).ok());
+  EXPECT_EQ(reports.back().progress().state(), v1::MESH_STATE_STORED);
+  EXPECT_EQ(looks, 3);
+}
+
+TEST_F(MeshHandlersTest, RequestsOfManyFieldsAreRefusedUnread) {
+  Start();
+  UploadSquares(1, 0, "squares");
+  v1::GetMeshRequest get;
+  get.set_mesh("squares");
+  grpc::ByteBuffer response;
+  const std::string few(1000, '\x7b'), many(70'000, '\x7b');
+  EXPECT_EQ(CallRaw("/deltaray.v1.MeshService/GetMesh", get.SerializeAsString() + few, &response).error_code(),
+            StatusCode::INVALID_ARGUMENT);
+  const grpc::Status status = CallRaw("/deltaray.v1.MeshService/GetMesh", get.SerializeAsString() + many, &response);
+  EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(status.error_message(), HasSubstr("65536"));
+  // An upload's chunk is not counted.
+  v1::UploadMeshResponse uploaded;
+  const std::string obj = SquaresObj(3000);
+  ASSERT_TRUE(Upload(obj, {}, &uploaded, obj.size()).ok());
+  v1::UploadHeader header;
+  header.set_name(std::string(70'000, 'n'));
+  EXPECT_EQ(Upload(obj, header, &uploaded).error_code(), StatusCode::RESOURCE_EXHAUSTED);
+}
+
 TEST_F(MeshHandlersTest, WatchEndsWhenTheMeshIsDeletedOrTheClientGoes) {
   HookedStore::Hooks hooks;
   hooks.on_watch = [](BuildReport* report) { report->state = MeshState::kBuilding; };

@@ -121,6 +121,33 @@ TEST(RayMessageTest, UnusualFormsMeanWhatProtobufMakesOfThem) {
   ExpectTheSame<v1::CastRaysRequest>(std::string("\x0a\x01\xff", 3) + cast);
 }
 
+TEST(RayMessageTest, MuchBesideTheRaysIsRefusedUnread) {
+  const std::string rays = CastRequest(100'000).SerializeAsString();
+  const auto code = [](const std::string& bytes) {
+    v1::CastRaysRequest request;
+    RayBatchBytes found;
+    return ParseRayMessage(InSlices(bytes, 10'000), &request, &found).code();
+  };
+  EXPECT_EQ(code(rays), absl::StatusCode::kOk);
+  EXPECT_EQ(code(rays + rays), absl::StatusCode::kOk);
+  std::string varints, groups;
+  for (int i = 0; i < 40'000; ++i) varints += "\x28\x01", groups += "\x7b\x7c";
+  for (const std::string& many : {varints, groups}) {
+    EXPECT_EQ(code(rays + many), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(code(many + rays), absl::StatusCode::kResourceExhausted);
+    // Within the batch, in one and spread over several.
+    const auto in_batch = [](const std::string& fields) {
+      v1::CastRaysRequest request;
+      EXPECT_TRUE(request.mutable_rays()->ParseFromString(fields));
+      return request.SerializeAsString();
+    };
+    EXPECT_EQ(code(in_batch(many)), absl::StatusCode::kResourceExhausted);
+    const std::string half = in_batch(many.substr(0, 40'000));
+    EXPECT_EQ(code(half), absl::StatusCode::kOk);
+    EXPECT_EQ(code(half + half), absl::StatusCode::kResourceExhausted);
+  }
+}
+
 TEST(RayMessageTest, DamagedMessagesAreThoseThatProtobufRefuses) {
   const std::string good = CastRequest(20).SerializeAsString();
   for (size_t size = 0; size < good.size(); ++size) ExpectTheSame<v1::CastRaysRequest>(good.substr(0, size));

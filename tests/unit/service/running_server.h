@@ -78,20 +78,24 @@ class HookedStore final : public MeshStore {
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override {
     return inner_->Rebuild(mesh, config);
   }
-  void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback) override {
-    inner_->WithTree(mesh, final, [this, callback](absl::StatusOr<Answer> answer) {
+  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override { return inner_->Resolve(mesh); }
+  void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
+                std::function<bool()> cancelled) override {
+    const auto on_tree = [this, callback](absl::StatusOr<Answer> answer) {
       if (answer.ok()) {
         auto hooked = std::make_shared<TreeSnapshot>(*answer->snapshot);
         hooked->tree = std::make_shared<HookedTree>(answer->snapshot, hooks_.on_query);
         answer->snapshot = hooked;
       }
       callback(std::move(answer));
-    });
+    };
+    inner_->WithTree(mesh, final, on_tree, std::move(cancelled));
   }
+  void ForgetCancelled() override { inner_->ForgetCancelled(); }
   void StopWaiting(const absl::Status& status) override { inner_->StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override { inner_->NoteAnswer(answer); }
-  absl::StatusOr<BuildReport> Watch(absl::string_view mesh) override {
-    absl::StatusOr<BuildReport> report = inner_->Watch(mesh);
+  absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start) override {
+    absl::StatusOr<BuildReport> report = inner_->Watch(mesh, start);
     if (report.ok()) hooks_.on_watch(&*report);
     return report;
   }

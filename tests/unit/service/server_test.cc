@@ -116,6 +116,38 @@ TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
   EXPECT_TRUE(drained.get());
 }
 
+TEST_F(ServerTest, AStreamThatHasSentAllEndsWellInADrain) {
+  std::atomic<bool> tracing{false}, enough{false};
+  HookedStore::Hooks hooks;
+  hooks.on_query = [&](size_t) {
+    tracing = true;
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  Start(hooks);
+  UploadSquares(1, 0, "squares");
+  grpc::ClientContext context;
+  auto stream = rays_->StreamRays(&context);
+  v1::StreamRaysRequest request;
+  request.mutable_start()->set_mesh("squares");
+  stream->Write(request);
+  request.mutable_rays()->set_rays(SlowRays(3000));
+  stream->Write(request);
+  stream->WritesDone();
+  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));  // until the server has read the end, too
+
+  auto drained = std::async(std::launch::async, [this] { return server_->Drain(); });
+  ASSERT_TRUE(Eventually([&] { return Health("") == "NOT_SERVING"; }));
+  enough = true;
+  v1::StreamRaysResponse response;
+  EXPECT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.hits().ray_count(), 3000u);
+  EXPECT_FALSE(stream->Read(&response));
+  const grpc::Status status = stream->Finish();
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  EXPECT_TRUE(drained.get());
+}
+
 TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
   std::atomic<bool> tracing{false}, enough{false};
   HookedStore::Hooks hooks;

@@ -19,7 +19,7 @@ inline grpc::ByteBuffer InSlices(const std::string& bytes, size_t size) {
 }
 
 // The bytes of a part of a message.
-inline std::string Read(const MessageSlices& message, RayBatchBytes::Range range) {
+inline std::string Read(const MessageSlices& message, MessageRange range) {
   std::string scratch(range.size, '\0');
   return {message.Read(range.offset, range.size, scratch.data()), range.size};
 }

@@ -5,7 +5,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
+#include <new>
 #include <optional>
 #include <string>
 #include <thread>
@@ -23,7 +25,10 @@ class MeshEntryTest : public ::testing::Test {
   explicit MeshEntryTest(uint32_t concurrent_builds = 1) {
     MeshStore::Options options;
     options.concurrent_builds = concurrent_builds;
-    options.on_delta_leaf = [this] { gate_.Pass(); };
+    options.on_delta_leaf = [this] {
+      gate_.Pass();
+      if (no_memory_) throw std::bad_alloc();
+    };
     store_ = OpenStore(directory_.path(), options);
   }
   ~MeshEntryTest() override { gate_.Open(); }
@@ -44,6 +49,7 @@ class MeshEntryTest : public ::testing::Test {
 
   ScratchDirectory directory_;
   Gate gate_;
+  std::atomic<bool> no_memory_{false};
   std::unique_ptr<MeshStore> store_;
 };
 
@@ -217,6 +223,41 @@ TEST_F(MeshEntryTest, ACallbackMayUseTheStore) {
   });
   gate_.Open();
   EXPECT_TRUE(promise.get_future().get().ok());
+}
+
+TEST_F(MeshEntryTest, ThoseWhoDoNotWaitAnyMoreAreForgotten) {
+  gate_.Close();
+  const std::string id = Upload(1);
+  std::atomic<bool> cancelled{false};
+  const auto held = std::make_shared<int>();
+  store_->WithTree(
+      id, true, [held](absl::StatusOr<MeshStore::Answer>) { ADD_FAILURE() << "called"; },
+      [&] { return cancelled.load(); });
+  auto other = FutureTree(*store_, id, true);
+  store_->ForgetCancelled();
+  EXPECT_EQ(held.use_count(), 2);
+  cancelled = true;
+  store_->ForgetCancelled();
+  EXPECT_EQ(held.use_count(), 1);
+  gate_.Open();
+  EXPECT_TRUE(other.get().ok());
+  store_->ForgetCancelled();
+}
+
+TEST_F(MeshEntryTest, ABuildThatFailsLateGivesBackWhatItTookBesideItsTree) {
+  gate_.Close();
+  no_memory_ = true;
+  const std::string id = Upload(1);
+  ASSERT_TRUE(AwaitTree(*store_, id, false).ok());
+  const uint64_t building = store_->Usage().budget_bytes;
+  gate_.Open();
+  AwaitState(id, MeshState::kFailed);
+  EXPECT_THAT(store_->Get(id)->failure, HasSubstr("not enough memory"));
+  const uint64_t failed = store_->Usage().budget_bytes;
+  EXPECT_LT(failed, building / 4);
+  // Its provisional tree goes on to answer.
+  EXPECT_GT(failed, 0u);
+  EXPECT_EQ(HitStrip(*AwaitTree(*store_, id, false), 1).t, 1);
 }
 
 TEST_F(MeshEntryTest, ALazyBuildIsOverOnceItsTopStands) {

@@ -121,6 +121,7 @@ TEST(MeshStoreTest, NothingIsBuiltBeforeItIsAskedFor) {
   const auto store = OpenStore(directory.path());
   EXPECT_EQ(store->Get("one")->state, MeshState::kStored);
   EXPECT_EQ(store->Statistics("one").status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(store->Watch("one", /*start=*/false)->state, MeshState::kStored);
   EXPECT_EQ(store->Watch("one")->build_number, 1u);
   ASSERT_TRUE(AwaitTree(*store, "one").ok());
   EXPECT_EQ(store->Watch("one")->build_number, 1u);
