@@ -39,7 +39,7 @@ void AddRebuildCommand(CLI::App& app, CommandRun& run) {
       .add_option_function<std::string>(
           "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
       ->required();
-  AddBuildFlags(command, *options->request.mutable_build_options());
+  AddBuildFlags(command, [options]() -> v1::BuildOptions& { return *options->request.mutable_build_options(); });
   command.add_flag("--wait", options->wait, "Wait until the tree is built");
   command.footer(
       "Options that are not given take the preset's value, not that of the build before.\n"

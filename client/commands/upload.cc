@@ -159,9 +159,11 @@ void AddUploadCommand(CLI::App& app, CommandRun& run) {
       command, "--format", [options](v1::MeshFormat format) { options->header.set_format(format); },
       "Format of the file [detected: obj, ply or stl]");
   AddRawLayoutFlags(command, options->header);
-  AddBuildFlags(command, *options->header.mutable_build_options());
+  // Not before a flag is given: a mesh that is already there keeps its tree unless the header has build options.
+  AddBuildFlags(command, [options]() -> v1::BuildOptions& { return *options->header.mutable_build_options(); });
   command.add_flag("--wait", options->wait, "Wait until the tree is built");
   command.footer(
+      "A mesh that is already there keeps its tree, unless options ask for another one.\n"
       "Examples:\n"
       "  deltaray upload bunny.obj --name bunny --wait\n"
       "  zcat dragon.ply.gz | deltaray upload - --format ply --preset best\n"

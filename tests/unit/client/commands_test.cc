@@ -68,6 +68,17 @@ TEST_F(CommandsTest, UploadSendsSizeChecksumAndOptions) {
   EXPECT_FALSE(header.has_raw_layout());
 }
 
+// Else the server would take them for new options of a mesh that it has, and build its tree anew.
+TEST_F(CommandsTest, UploadHasBuildOptionsOnlyWhereOneIsGiven) {
+  session_.SetInput("v");
+  EXPECT_EQ(session_.Run({"upload", "-", "--name", "cube"}), 0);
+  EXPECT_FALSE(server_.mesh_service.last_header.has_build_options());
+  session_.SetInput("v");
+  EXPECT_EQ(session_.Run({"upload", "-", "--alpha", "0"}), 0);
+  ASSERT_TRUE(server_.mesh_service.last_header.has_build_options());
+  EXPECT_TRUE(server_.mesh_service.last_header.build_options().has_alpha());
+}
+
 TEST_F(CommandsTest, UploadFromStandardInputHasNoSize) {
   session_.SetInput("v 0 0 0\n");
   EXPECT_EQ(session_.Run({"upload", "-"}), 0);
