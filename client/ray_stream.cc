@@ -170,8 +170,14 @@ absl::Status ReceiveHits(Stream& stream, Window& window, Retry& retry, Answers& 
   return absl::OkStatus();
 }
 
-// Compares the server's own count of batches with ours, since gRPC can report a stream that broke as one that ended.
-absl::Status CheckCounts(const grpc::ClientContext& context, uint64_t sent, uint64_t answered, uint64_t answered_here) {
+// Checks that nothing is left to answer, and compares the server's own count of batches with ours: gRPC can report a
+// stream that broke as one that ended.
+absl::Status CheckCounts(const grpc::ClientContext& context, const Window& window, uint64_t answered,
+                         uint64_t answered_here) {
+  if (!window.input_ended()) {
+    return LocalError(absl::StrCat("the server ended the stream after ", answered, " batches, before all were sent"));
+  }
+  const uint64_t sent = window.entered();
   if (sent != answered) return LocalError(absl::StrCat("the server answered ", answered, " of ", sent, " batches"));
   const auto& trailers = context.GetServerTrailingMetadata();
   const auto count = trailers.find("deltaray-batches");
@@ -205,7 +211,7 @@ absl::StatusOr<bool> RunStream(Connection& connection, absl::string_view key, co
     if (retry.Again(rpc_status)) return true;
     return connection.Result(rpc_status);
   }
-  absl::Status counts = CheckCounts(context, window.entered(), answers.count, answers.count - answered_before);
+  absl::Status counts = CheckCounts(context, window, answers.count, answers.count - answered_before);
   if (!counts.ok()) return counts;
   return false;
 }

@@ -28,8 +28,8 @@ using NextBatch = absl::FunctionRef<absl::StatusOr<bool>(OutgoingBatch&)>;
 using TakeHits = absl::FunctionRef<absl::Status(const v1::HitBatch&)>;
 
 // Streams all batches. The first error of `next`, of `take` or of the RPC ends it and is returned; no thread and no RPC
-// is left behind. Checks what the server answers against what was asked: batch numbers, ray counts, the mesh, and the
-// trailing metadata `deltaray-batches`.
+// is left behind. Checks what the server answers against what was asked: batch numbers, ray counts, the mesh, that all
+// batches are answered, and the trailing metadata `deltaray-batches`.
 //
 // A stream that is lost with its server is resumed, by the rules of Retry: a new RPC begins with the first batch that
 // is not answered, for the mesh id of the answers so far. Each batch is answered once, in order, all of one mesh.

@@ -24,7 +24,7 @@ namespace deltaray {
 
 // How the fake misbehaves, and what it saw. Set before a call, read after it.
 struct FakeBehaviour {
-  // StreamRays: fail with this before reading batch number `fail_at_batch`.
+  // StreamRays: end with this, or with OK, before reading batch number `fail_at_batch`.
   grpc::Status stream_status;
   uint64_t fail_at_batch = ~uint64_t{0};
   // StreamRays, WatchBuild after its first report, ListMeshes and DeleteMesh: so many calls fail; with stream_status,
@@ -278,8 +278,12 @@ class FakeRayService : public v1::RayService::Service {
     last_excluded.clear();
     if (last_start.mesh() == "missing") return FakeMeshService::NotFound("missing");
     uint64_t batches = 0;
+    grpc::Status status;
     while (true) {
-      if (batches == behaviour->fail_at_batch && behaviour->stream_failures-- > 0) return behaviour->stream_status;
+      if (batches == behaviour->fail_at_batch && behaviour->stream_failures-- > 0) {
+        status = behaviour->stream_status;
+        break;
+      }
       if (!stream->Read(&request)) break;
       last_batch_bytes.push_back(request.rays().rays().size());
       last_excluded += request.rays().excluded_primitive_ids();
@@ -291,7 +295,7 @@ class FakeRayService : public v1::RayService::Service {
       stream->Write(response);
     }
     context->AddTrailingMetadata("deltaray-batches", std::to_string(batches + behaviour->extra_batches));
-    return grpc::Status::OK;
+    return status;
   }
 
  private:

@@ -154,6 +154,31 @@ TEST_F(RayStreamTest, EarlyEndWithOkIsAnError) {
   EXPECT_EQ(ExitCode(status), 1);
 }
 
+// All that was read is answered, but more is to come.
+TEST_F(RayStreamTest, EndWithOkWhileTheInputWaitsIsAnError) {
+  server_.behaviour.fail_at_batch = 1;
+  int pipe_ends[2];
+  ASSERT_EQ(pipe(pipe_ends), 0);
+  session_.SetInputFd(pipe_ends[0]);
+  auto file = InputFile::Open("-", session_.session());
+  bool first = true;
+  const absl::Status status = StreamBatches(
+      *connection_, start_,
+      [&](OutgoingBatch& batch) -> absl::StatusOr<bool> {
+        batch.ray_count = 1;
+        batch.rays.set_rays(std::string(24, '\0'));
+        if (std::exchange(first, false)) return true;
+        char byte;
+        const absl::StatusOr<size_t> count = file->Read(std::span(&byte, 1));
+        if (!count.ok()) return count.status();
+        return *count > 0;
+      },
+      [](const v1::HitBatch&) { return absl::OkStatus(); });
+  close(pipe_ends[1]);
+  EXPECT_EQ(ExitCode(status), 1);
+  EXPECT_EQ(status.message(), "the server ended the stream after 1 batches, before all were sent");
+}
+
 TEST_F(RayStreamTest, ChecksRayCounts) {
   bool first = true;
   const absl::Status status = StreamBatches(
