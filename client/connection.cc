@@ -91,6 +91,8 @@ absl::StatusOr<Connection> Connection::Open(const Session& session) {
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, kLongestReconnectMs);
   // gRPC's own retries would have to know which calls may be made twice.
   arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
+  // A proxy would take what is meant for this machine, tokens in plaintext too, to another one.
+  if (StaysHere(session.server)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   // Without this, connections of one process to one server would share a socket, and gRPC serves that by one thread.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   auto channel = grpc::CreateCustomChannel(session.server,

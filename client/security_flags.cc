@@ -15,9 +15,7 @@
 #include "client/exit_code.h"
 
 namespace deltaray {
-namespace {
 
-// Whether the way to the server does not leave this machine, as far as its address tells.
 bool StaysHere(const std::string& server) {
   for (const char* prefix : {"localhost:", "[::1]:", "unix:"}) {
     if (absl::StartsWith(server, prefix)) return true;
@@ -25,8 +23,6 @@ bool StaysHere(const std::string& server) {
   // 127.example.com is elsewhere.
   return absl::StartsWith(server, "127.") && server.find_first_not_of("0123456789.:") == std::string::npos;
 }
-
-}  // namespace
 
 void AddSecurityFlags(CLI::App& app, SecurityFlags& flags) {
   const char* const group = "Security";

@@ -27,6 +27,9 @@ struct SecurityFlags {
 
 void AddSecurityFlags(CLI::App& app, SecurityFlags& flags);
 
+// Whether the way to the server does not leave this machine, as far as its address tells.
+bool StaysHere(const std::string& server);
+
 // The token to send to `server`; empty: none. A UsageError where it would travel in plaintext to another machine and
 // insecure_token does not say that this is meant.
 absl::StatusOr<std::string> ReadToken(const SecurityFlags& flags, const std::string& server);

@@ -1,5 +1,7 @@
 #include "client/connection.h"
 
+#include <cstdlib>
+
 #include "client/exit_code.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -77,6 +79,13 @@ TEST_F(ConnectionTest, OnlyUploadsOfFilesWithoutANameAreRepeated) {
   server_.behaviour.upload_failures = 1;
   session_.SetInput("v 0 0 0");
   EXPECT_EQ(session_.Run({"upload", "-", "--format", "obj"}), 78);
+}
+
+// Else a token in plaintext would leave the machine. At port 1 there is no proxy.
+TEST_F(ConnectionTest, NoProxyIsAskedForThisMachine) {
+  setenv("http_proxy", "http://127.0.0.1:1", 1);
+  EXPECT_EQ(session_.Run({"list"}), 0) << session_.TakeMessages();
+  unsetenv("http_proxy");
 }
 
 TEST_F(ConnectionTest, EachCallCarriesItsMeshAsPrintableText) {
