@@ -1,5 +1,6 @@
 // The command line client of deltarayd.
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -9,7 +10,24 @@
 #include "client/command_line.h"
 #include "client/stop_signal.h"
 
+namespace {
+
+// Files and sockets opened later must not take the place of a standard stream that the client was started without: hits
+// would be written into them. Opened the wrong way round, the stream fails as a closed one does.
+void OpenStandardStreams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    // Not 0 where it is closed, or closes on exec, which nothing does that came from outside: gRPC leaves an eventfd in
+    // the place of a closed standard input before main begins.
+    if (fcntl(stream, F_GETFD) == 0) continue;
+    close(stream);
+    open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
+  OpenStandardStreams();
   // A reader that goes away shows as an error of the write, so that the RPC can be ended in order.
   std::signal(SIGPIPE, SIG_IGN);
   // What gRPC logs of failures is in our own messages, and for people.

@@ -41,6 +41,14 @@ for command in upload list show watch stats cast render delete; do
   expect_text "$scratch/out" 'Examples?:'
 done
 
+# Standard streams that are closed: nothing else takes their place.
+with_closed_output() { "$@" >&-; }
+with_closed_input() { "$@" <&-; }
+expect_refused 1 with_closed_output client health
+expect_text "$scratch/err" 'cannot write standard output: Bad file descriptor'
+expect_refused 1 with_closed_input client upload -
+expect_text "$scratch/err" 'cannot read standard input: Bad file descriptor'
+
 expect_refused 1 client upload "$scratch/no-such-file.obj"
 expect_refused 1 client cast mesh "$scratch/no-such-rays.csv"
 expect_refused 67 client upload --format obj - <<<'f 1 2 3'
