@@ -118,10 +118,10 @@ absl::Status Upload(const UploadOptions& options, const Session& session) {
   v1::UploadMeshResponse response;
   status = SendFile(*connection, session, *file, header, &response);
   if (!status.ok()) return status;
-  status = TellUploaded(session, file->name(), response);
-  if (!status.ok()) return status;
-  // The id goes out before the wait: the mesh is stored, however the build ends.
+  // The id goes out before all else: the mesh is stored, whether or not the rest can be told, and however the build
+  // ends.
   status = WriteOutput(session.output, absl::StrCat(response.mesh().id(), "\n"));
+  status.Update(TellUploaded(session, file->name(), response));
   if (!status.ok() || !options.wait) return status;
   return WatchBuild(*connection, session, response.mesh().id());
 }

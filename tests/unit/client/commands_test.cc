@@ -48,7 +48,7 @@ TEST_F(CommandsTest, UploadSendsSizeChecksumAndOptions) {
   EXPECT_EQ(session_.Run({"upload", file.path(), "--name", "cube", "--format", "obj", "--preset", "best", "--builder",
                           "kd_tree", "--delta", "64", "--alpha", "0.25", "--lazy"}),
             0);
-  EXPECT_EQ(session_.TakeOutput(), std::string(63, 'a') + "0\n");
+  EXPECT_THAT(session_.TakeOutput(), MatchesRegex("a{63}0\n"));
   EXPECT_THAT(session_.TakeMessages(), HasSubstr(": stored, 0 vertices, 1,234,567 triangles\n"
                                                  "warning: a face was ?[31mred\n"));
   EXPECT_EQ(server_.mesh_service.last_upload, bytes);
@@ -109,6 +109,16 @@ TEST_F(CommandsTest, UploadThatWaitsFailsWithTheBuild) {
   session_.TakeMessages();
   EXPECT_EQ(session_.Run({"upload", "-", "--wait"}), 1);
   EXPECT_THAT(session_.TakeMessages(), HasSubstr("deltaray: the build failed: out of memory\n"));
+}
+
+TEST_F(CommandsTest, UploadPrintsTheIdWhereNoRemarkCanBeWritten) {
+  std::FILE* full = std::fopen("/dev/full", "w");
+  std::swap(session_.session().messages, full);
+  session_.SetInput("v");
+  EXPECT_EQ(session_.Run({"upload", "-"}), 1);
+  EXPECT_THAT(session_.TakeOutput(), MatchesRegex("a{63}0\n"));
+  std::swap(session_.session().messages, full);
+  std::fclose(full);
 }
 
 TEST_F(CommandsTest, RefusedUploadTellsTheServersText) {
