@@ -2,7 +2,9 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -72,12 +74,17 @@ class LineReader {
   uint64_t number_ = 0;
 };
 
-// The whole of `text` as a number; a leading '+', "inf" and "nan" are taken.
+// The whole of `text` as a number; a leading '+', "inf" and "nan" are taken, numbers too large for a double are not.
 std::optional<double> ParseNumber(absl::string_view text) {
   if (!absl::StartsWith(text, "+-")) absl::ConsumePrefix(&text, "+");
   double value;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (end != text.data() + text.size() || error == std::errc::invalid_argument) return std::nullopt;
+  if (error == std::errc::result_out_of_range) {
+    // Too large, or so small that it rounds to zero; only strtod tells which.
+    value = std::strtod(std::string(text).c_str(), nullptr);
+    if (std::isinf(value)) return std::nullopt;
+  }
   return value;
 }
 

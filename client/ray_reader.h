@@ -37,7 +37,7 @@ size_t RayBytes(v1::RayLayout layout);
 //  - A first line that does not begin with a number names the columns: ox, oy, oz, dx, dy, dz, and either both or none
 //    of t_min, t_max, in any order. Without it there are 6 or 8 columns in that order; the first ray decides.
 //  - Each line has all fields; spaces around them are ignored. Origin and direction are finite, t_min and t_max not NaN
-//    ("inf" and "-inf" are taken).
+//    ("inf" and "-inf" are taken). Numbers are rounded to the nearest float64; those too large for it are refused.
 //  - Empty lines and lines that begin with '#' are skipped. LF and CR LF end lines; a line has at most 4095 bytes.
 //  - A byte order mark at the beginning is skipped.
 // The rays are sent as float64. Reads the file's beginning to learn the layout.

@@ -76,6 +76,14 @@ TEST(CsvRayReaderTest, KeepsAllDigitsOfDoubles) {
   EXPECT_EQ((*ReadCsv("5432109.123456789,0,0,0,0,1"))[0], 5432109.123456789);
 }
 
+TEST(CsvRayReaderTest, RoundsNumbersThatAreTooSmall) {
+  const std::vector<double> numbers = *ReadCsv("1e-400,-1e-400,2e-324,3e-324,1e-310,1\n");
+  EXPECT_EQ(numbers, (std::vector<double>{0, -0.0, 0, 0x1p-1074, 1e-310, 1}));
+  EXPECT_TRUE(std::signbit(numbers[1]));
+  EXPECT_THAT(CsvError("1e-400x,2,3,4,5,6\n"), HasSubstr("'1e-400x' is neither"));
+  EXPECT_THAT(CsvError("1,2,3,4,5,6,0,1e999\n"), HasSubstr("column t_max: '1e999' is not a number"));
+}
+
 TEST(CsvRayReaderTest, NamesLineAndColumnOfBadNumbers) {
   EXPECT_EQ(CsvError("1,2,3,4,5,6\n\n1,2,3,4,x,6\n"), "standard input: line 3: column dy: 'x' is not a finite number");
   EXPECT_THAT(CsvError("1,2,3,4,5,6\n1,2,3,4,5,nan\n"), HasSubstr("line 2: column dz: 'nan' is not a finite number"));
