@@ -105,7 +105,7 @@ std::string ExpectHost(const std::string& server, SSL* ssl) {
   return host;
 }
 
-std::string UntrustedText(long error, const std::string& host) {
+std::string UntrustedText(long error, const std::string& host, bool has_ca_file) {
   const std::string text = X509_verify_cert_error_string(error);
   switch (error) {
     case X509_V_ERR_HOSTNAME_MISMATCH:
@@ -115,7 +115,8 @@ std::string UntrustedText(long error, const std::string& host) {
     case X509_V_ERR_CERT_NOT_YET_VALID:
       return absl::StrCat("the server's certificate is not valid now (", text, ")");
     default:
-      return absl::StrCat("the server's certificate is of no authority in --ca (", text, ")");
+      return absl::StrCat("the server's certificate is of no authority ",
+                          has_ca_file ? "in --ca" : "that this system knows; see --ca", " (", text, ")");
   }
 }
 
@@ -182,7 +183,7 @@ std::string Tls::WhyNot(const std::string& server) const {
     const long untrusted = SSL_get_verify_result(ssl);
     if (untrusted == X509_V_OK) return FailureText(ssl, asked);
     ERR_clear_error();
-    return UntrustedText(untrusted, host);
+    return UntrustedText(untrusted, host, !options_.pem_root_certs.empty());
   }
   // In TLS 1.3 the server judges the client's certificate only now. A server that likes it speaks first.
   char byte;

@@ -73,7 +73,7 @@ expect 0 client --ca "$certs/ca.pem" upload "$scratch/triangle.obj" --name trian
 expect 0 client --ca "$certs/ca.pem" cast triangle --columns t <<<"$ray"
 expect_text "$scratch/out" '^0,1$'
 refused 78 'of no authority in --ca' client --ca "$certs/other-ca.pem" list
-refused 78 'of no authority in --ca' client --tls list
+refused 78 'of no authority that this system knows; see --ca' client --tls list
 refused 78 'speaks TLS: see --tls' client list
 refused 1 "--ca: $certs/ca.key: holds no certificates" client --ca "$certs/ca.key" list
 refused 1 '--ca: .*No such file' client --ca "$certs/none.pem" list
