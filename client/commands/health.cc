@@ -19,6 +19,7 @@ absl::Status Check(const std::string& mesh, const Session& session) {
   HealthCheckRequest request;
   if (!mesh.empty()) request.set_service(absl::StrCat("mesh/", mesh));
   HealthCheckResponse response;
+  // Once, though it changes nothing: that the server is lost is an answer too, and no probe should wait for it.
   absl::Status status = connection->CallOnce(
       mesh, [&](grpc::ClientContext* context) { return connection->health().Check(context, request, &response); });
   if (!status.ok()) return status;

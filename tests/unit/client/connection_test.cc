@@ -56,6 +56,15 @@ TEST_F(ConnectionTest, CallsThatChangeAreMadeOnce) {
   EXPECT_EQ(server_.behaviour.delete_failures, 0);
 }
 
+TEST_F(ConnectionTest, HealthIsAskedOnce) {
+  session_.session().retry_seconds = 20;
+  server_.behaviour.health_failures = 1;
+  EXPECT_EQ(session_.Run({"health"}), 78);
+  EXPECT_EQ(server_.behaviour.health_failures, 0);
+  EXPECT_EQ(session_.Run({"health"}), 0);
+  EXPECT_EQ(session_.TakeOutput(), "SERVING\n");
+}
+
 TEST_F(ConnectionTest, WatchesAreResumed) {
   session_.session().retry_seconds = 20;
   TemporaryFile file("v 0 0 0");

@@ -17,6 +17,7 @@
 
 #include "deltaray/v1/mesh_service.grpc.pb.h"
 #include "deltaray/v1/ray_service.grpc.pb.h"
+#include "grpc/health/v1/health.grpc.pb.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
 
@@ -27,12 +28,13 @@ struct FakeBehaviour {
   // StreamRays: end with this, or with OK, before reading batch number `fail_at_batch`.
   grpc::Status stream_status;
   uint64_t fail_at_batch = ~uint64_t{0};
-  // StreamRays, WatchBuild after its first report, ListMeshes and DeleteMesh: so many calls fail; with stream_status,
-  // the last three with UNAVAILABLE.
+  // StreamRays, WatchBuild after its first report, ListMeshes, DeleteMesh and Check: so many calls fail; the first with
+  // stream_status, the others with UNAVAILABLE.
   int stream_failures = std::numeric_limits<int>::max();
   int watch_failures = 0;
   int list_failures = 0;
   int delete_failures = 0;
+  int health_failures = 0;
   // StreamRays: the id that each stream after the first one answers for, where not empty.
   std::string moved_mesh;
   // StreamRays: number of the first reply, where not 0 a wrong one.
@@ -389,17 +391,31 @@ class FakeRayService : public v1::RayService::Service {
   }
 };
 
+class FakeHealthService : public grpc::health::v1::Health::Service {
+ public:
+  FakeBehaviour* behaviour;
+
+  grpc::Status Check(grpc::ServerContext*, const grpc::health::v1::HealthCheckRequest*,
+                     grpc::health::v1::HealthCheckResponse* response) override {
+    if (behaviour->health_failures-- > 0) return FakeMeshService::Lost();
+    response->set_status(grpc::health::v1::HealthCheckResponse::SERVING);
+    return grpc::Status::OK;
+  }
+};
+
 // Listens on a free loopback port from construction to destruction.
 class FakeServer {
  public:
   FakeServer() {
     mesh_service.behaviour = &behaviour;
     ray_service.behaviour = &behaviour;
+    health_service.behaviour = &behaviour;
     int port = 0;
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
     builder.RegisterService(&mesh_service);
     builder.RegisterService(&ray_service);
+    builder.RegisterService(&health_service);
     builder.SetMaxReceiveMessageSize(64 << 20);
     server_ = builder.BuildAndStart();
     address_ = "127.0.0.1:" + std::to_string(port);
@@ -412,6 +428,7 @@ class FakeServer {
   FakeBehaviour behaviour;
   FakeMeshService mesh_service;
   FakeRayService ray_service;
+  FakeHealthService health_service;
 
  private:
   std::unique_ptr<grpc::Server> server_;
