@@ -18,9 +18,6 @@
 namespace deltaray {
 namespace {
 
-// The contract's limit of a message.
-constexpr int kMaxMessageBytes = 64 << 20;
-
 // A server that has vanished, cable and all, is noticed after these. The server's end pings far more often; a client
 // that pings more than every 5 minutes would be cut off by gRPC's default policy.
 constexpr int kKeepaliveMs = 360'000;

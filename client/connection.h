@@ -18,6 +18,9 @@
 
 namespace deltaray {
 
+// The contract's limit of a message.
+constexpr int kMaxMessageBytes = 64 << 20;
+
 class Connection {
  public:
   // Connects to session.server. Fails, with the exit code of UNAVAILABLE, where nobody listens there, TLS does not come

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -27,6 +28,9 @@ const NamedValues<GeneratedRays> kGeneratedRays = {{"camera", GeneratedRays::kCa
                                                    {"bounce", GeneratedRays::kBounce},
                                                    {"shadow", GeneratedRays::kShadow}};
 
+// Bytes of a message that are left for all but the rays: the id of a mesh and the query take fewer.
+constexpr size_t kQueryBytes = 1024;
+
 struct ChartOptions {
   v1::CompareAccuracyRequest request;
   std::string output_path;
@@ -45,17 +49,19 @@ absl::Status ReadRays(const ChartOptions& options, const Session& session, v1::C
   const auto rays = OpenRays(options.rays_path, options.raw_layout, session);
   if (!rays.ok()) return rays.status();
   request->mutable_query()->set_layout((*rays)->layout());
+  const size_t ray_bytes = RayBytes((*rays)->layout());
+  const size_t most = std::min(kMaxBatchRays, (kMaxMessageBytes - kQueryBytes) / ray_bytes);
   std::string* const bytes = request->mutable_rays()->mutable_rays();
   size_t count = 0;
   while (true) {
     // One ray beyond the limit tells that there are too many.
-    const absl::StatusOr<size_t> read = (*rays)->Read(kMaxBatchRays + 1 - count, bytes);
+    const absl::StatusOr<size_t> read = (*rays)->Read(most + 1 - count, bytes);
     if (!read.ok()) return read.status();
     if (*read == 0) break;
     count += *read;
-    if (count > kMaxBatchRays) {
-      return LocalError(
-          absl::StrCat(options.rays_path, ": has more than ", kMaxBatchRays, " rays, the most of a batch"));
+    if (count > most) {
+      return LocalError(absl::StrCat(options.rays_path, ": has more than ", GroupDigits(most), " rays of ", ray_bytes,
+                                     " bytes, the most of a batch"));
     }
   }
   return count > 0 ? absl::OkStatus() : LocalError(absl::StrCat(options.rays_path, ": has no rays"));

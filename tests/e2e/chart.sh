@@ -21,6 +21,10 @@ printf '0,0,5,0,0,-1\n0,100,0,0,1,0\n' >"$scratch/rays.csv"
 expect 0 client chart bunny -o "$scratch/own.svg" --rays "$scratch/rays.csv" --kind any --max-wrong-per-million 1000000 --format json
 expect_text "$scratch/out" '"ray_count": *"2"'
 expect_text "$scratch/err" '^cheapest level with at most 1e\+06 wrong answers per million: '
+# As many rays of 64 bytes as a message holds, all of length zero.
+truncate -s $((1048560 * 64)) "$scratch/rays.f64"
+expect 0 client --timeout 100 chart bunny -o "$scratch/large.svg" --rays "$scratch/rays.f64" --rays-format f64x8 --rounds 1
+expect_text "$scratch/out" '^rays +1,048,560, of which 0 hit$'
 expect 69 client chart nothing -o "$scratch/none.svg"
 [ ! -e "$scratch/none.svg" ] || fail "a chart of a mesh that is not there"
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -85,6 +86,14 @@ TEST_F(ChartTest, SendsTheRaysOfAFile) {
   EXPECT_EQ(Rays(), (std::vector<std::array<double, 6>>{{1, 2, 3, 0, 0, -1}, {4, 5, 6, 0, 0, 1}}));
   EXPECT_EQ(request().query().kind(), v1::QUERY_KIND_ANY_HIT);
   EXPECT_THAT(session_.TakeOutput(), StartsWith("accuracy,"));
+}
+
+// 2^20 rays of 64 bytes are as many bytes as a message may have, which leaves none for the query.
+TEST_F(ChartTest, RefusesMoreLargeRaysThanAMessageHolds) {
+  const TemporaryFile rays("");
+  std::filesystem::resize_file(rays.path(), size_t{1 << 20} * 64);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", rays.path(), "--rays-format", "f64x8"}), 1);
+  EXPECT_THAT(session_.TakeMessages(), HasSubstr(": has more than 1,048,560 rays of 64 bytes, the most of a batch\n"));
 }
 
 TEST_F(ChartTest, BouncesStartOnTheMeshAndLeaveIt) {
