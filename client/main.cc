@@ -28,8 +28,10 @@ void OpenStandardStreams() {
 
 int main(int argc, char** argv) {
   OpenStandardStreams();
-  // A reader that goes away shows as an error of the write, so that the RPC can be ended in order.
+  // A reader that goes away, or a limit on file sizes, shows as an error of the write, so that the RPC can be ended in
+  // order, and no half of a file is left behind.
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
   // What gRPC logs of failures is in our own messages, and for people.
   setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);
   // Never destroyed: the thread that waits for signals outlives main.

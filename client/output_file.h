@@ -14,7 +14,8 @@ namespace deltaray {
 // Writes and flushes. A reader that has gone gives OutputClosed(), all else a LocalError. `name` is for the text.
 absl::Status WriteOutput(std::FILE* file, absl::string_view data, absl::string_view name = "standard output");
 
-// Writes a whole file, over what was there before.
+// Writes a whole file in place of the one that was there before, which a failure leaves as it was: the new one is
+// written beside it, with its permissions, and renamed. What is no file, as a device or a pipe, is written to.
 absl::Status WriteWholeFile(const std::string& path, absl::string_view data);
 
 }  // namespace deltaray
