@@ -131,6 +131,11 @@ absl::Status Chart(const ChartOptions& options, const Session& session) {
   return status.ok() ? WriteResult(options, session, response) : status;
 }
 
+// Standard output is taken by what --format says.
+std::string NotStandardOutput(const std::string& path) {
+  return path == "-" ? "the measurements go to standard output; name a file" : "";
+}
+
 void AddRaysFlags(CLI::App& command, ChartOptions& options) {
   CLI::Option* const rays = command.add_option("--rays", options.rays_path, "File of rays; - for standard input");
   AddRaysFormatFlag(command, options.raw_layout);
@@ -156,8 +161,8 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
       .add_option_function<std::string>(
           "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
       ->required();
-  command.add_option("-o,--output", options->output_path, "SVG file to write")->required();
-  command.add_option("--csv", options->csv_path, "CSV file to write, a row a level");
+  command.add_option("-o,--output", options->output_path, "SVG file to write")->required()->check(NotStandardOutput);
+  command.add_option("--csv", options->csv_path, "CSV file to write, a row a level")->check(NotStandardOutput);
   AddRaysFlags(command, *options);
   AddNamedOption<v1::QueryKind>(
       command, "--kind", {{"closest", v1::QUERY_KIND_CLOSEST_HIT}, {"any", v1::QUERY_KIND_ANY_HIT}},

@@ -26,7 +26,7 @@ struct Field {
 
   uint32_t number = 0;
   uint32_t wire_type = 0;
-  size_t start = 0;  // of the tag
+  size_t start = 0;    // of the tag
   MessageRange value;  // without the length in front of kBytes
 };
 

@@ -152,6 +152,9 @@ TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--kind", "all"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rounds", "33"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--max-wrong-per-million", "-1"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", "-"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", "-"}), 2);
+  EXPECT_THAT(session_.TakeMessages(), HasSubstr("--csv: the measurements go to standard output; name a file"));
   EXPECT_EQ(session_.Run({"chart", "missing", "-o", svg_.path()}), 69);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/no/such/folder/x.svg"}), 1);
   session_.SetInput("");
