@@ -16,7 +16,7 @@ namespace deltaray {
 
 class Tls {
  public:
-  // Reads the files of `flags`. Fails, naming flag and file, where one can not be read, is malformed, or does not match
+  // Reads the files of `flags`. Fails, naming flag and file, where one cannot be read, is malformed, or does not match
   // the other.
   static absl::StatusOr<Tls> Read(const SecurityFlags& flags);
 

@@ -191,7 +191,7 @@ void RaiseFileLimit() {
   rlimit limit;
   if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
   limit.rlim_cur = limit.rlim_max;
-  if (setrlimit(RLIMIT_NOFILE, &limit) != 0) spdlog::warn("can not raise the limit on open files");
+  if (setrlimit(RLIMIT_NOFILE, &limit) != 0) spdlog::warn("cannot raise the limit on open files");
 }
 
 // What is freed stays with malloc, for the messages of batches that come next: they would fault in their pages anew,
@@ -264,11 +264,11 @@ int Run(const Flags& flags) {
   const ServerOptions& options = flags.server;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
   if (!server.ok()) {
-    spdlog::critical("can not start: {}", std::string(server.status().message()));
+    spdlog::critical("cannot start: {}", std::string(server.status().message()));
     return kFailure;
   }
   if (!flags.port_file.empty() && !WritePortFile(flags.port_file, (*server)->port())) {
-    spdlog::critical("can not write the port to {}", flags.port_file);
+    spdlog::critical("cannot write the port to {}", flags.port_file);
     return kFailure;
   }
   LogEvent(spdlog::level::info, "listens",

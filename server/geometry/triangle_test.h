@@ -1,4 +1,4 @@
-// The ray-triangle test in double, decided exactly where double can not decide.
+// The ray-triangle test in double, decided exactly where double cannot decide.
 
 #ifndef SERVER_GEOMETRY_TRIANGLE_TEST_H_
 #define SERVER_GEOMETRY_TRIANGLE_TEST_H_

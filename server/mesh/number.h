@@ -12,7 +12,7 @@
 namespace deltaray {
 
 // The double nearest to the decimal number that is all of `token`, such as "1", "+.5", "-2.e-3". False for anything
-// else, "nan", "inf" and hexadecimal included. What double can not hold becomes ±inf or ±0.
+// else, "nan", "inf" and hexadecimal included. What double cannot hold becomes ±inf or ±0.
 bool ParseDouble(absl::string_view token, double* value);
 
 // The decimal integer that is all of `token`. False where it is none or does not fit T.

@@ -29,7 +29,7 @@ absl::StatusOr<MeshFormat> Detect(absl::string_view bytes, const MeshLimits& lim
     const absl::StatusOr<bool> more = lines.Next(&line);
     if (!more.ok()) return more.status();
     if (!*more)
-      return Malformed(lines.where(), "the format can not be told: the file has nothing but blank lines and comments");
+      return Malformed(lines.where(), "the format cannot be told: the file has nothing but blank lines and comments");
     line = absl::StripAsciiWhitespace(line);
     if (line.empty() || line.front() == '#') continue;
     if (IsObjStatement(line)) return MeshFormat::kObj;
@@ -37,7 +37,7 @@ absl::StatusOr<MeshFormat> Detect(absl::string_view bytes, const MeshLimits& lim
     // Text has no zero bytes, and a binary STL file that was cut off is not told by its size any more.
     const uint64_t stl_size = absl::StrContains(bytes, absl::string_view("\0", 1)) ? BinaryStlSize(bytes) : 0;
     return Malformed(
-        lines.where(), "the format can not be told: no OBJ, PLY or STL file begins with ", Quoted(line),
+        lines.where(), "the format cannot be told: no OBJ, PLY or STL file begins with ", Quoted(line),
         stl_size == 0 ? ""
                       : absl::StrCat("; as a binary STL file it would have ", stl_size, " bytes, not ", bytes.size()));
   }

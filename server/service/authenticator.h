@@ -17,7 +17,7 @@ namespace deltaray {
 // A call is asked for its token once, when it comes: a stream under way outlives the token that it began with.
 class Authenticator final : public CallWatcher {
  public:
-  // Reads the token file, and again when it changes. INVALID_ARGUMENT where it can not be read or is malformed; a new
+  // Reads the token file, and again when it changes. INVALID_ARGUMENT where it cannot be read or is malformed; a new
   // one like that is logged, and the former tokens stay.
   static absl::StatusOr<std::unique_ptr<Authenticator>> Start(const std::string& token_file);
 

@@ -21,7 +21,7 @@ namespace deltaray {
 //  2. it is worked on: its share is for the request, and for all that its answer can take;
 //  3. its reply waits for the client to take it.
 //
-// Nobody waits for ever:
+// Nobody waits forever:
 //  - Shares of up to kFreeBytes are had at once.
 //  - While nobody works, the first in line is let through although there is no room for it.
 //  - A message that has not come for kPatience keeps no room from others.

@@ -40,7 +40,7 @@ void HealthWatch::Look() {
   });
   if (!status.ok()) FinishOnce(status);
   if (finished_) return;
-  // As in WatchCall: an alarm can not be set anew from within its own callback.
+  // As in WatchCall: an alarm cannot be set anew from within its own callback.
   const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;
   alarm_ = std::make_unique<grpc::Alarm>();
   alarm_->Set(std::chrono::system_clock::now() + (unknown ? kUnknownInterval : kInterval),

@@ -34,7 +34,7 @@ constexpr std::chrono::milliseconds kSweepInterval(10);
 constexpr std::chrono::seconds kWarningInterval(10);
 
 absl::Status Unavailable(const std::string& address, absl::string_view reason) {
-  return absl::UnavailableError(absl::StrCat("can not listen at ", address, ": ", reason));
+  return absl::UnavailableError(absl::StrCat("cannot listen at ", address, ": ", reason));
 }
 
 uint32_t ConnectionsThatFit(uint32_t wanted) {

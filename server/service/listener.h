@@ -27,7 +27,7 @@ class Listener {
  public:
   // Binds `address`: host:port, all addresses that the host has, or unix:path. At most `max_connections` are let in,
   // and no more than there are file descriptors for, with some kept back for files. UNAVAILABLE, with the reason, where
-  // the address can not be had.
+  // the address cannot be had.
   static absl::StatusOr<std::unique_ptr<Listener>> Open(const std::string& address, uint32_t max_connections);
   ~Listener();
 

@@ -94,7 +94,7 @@ class FieldReader {
 };
 
 // Bytes in `range` beside the values of those fields of bytes for which is_array(field) holds, or somewhat more than
-// kMaxSmallMessageBytes where there are more. What can not be read counts.
+// kMaxSmallMessageBytes where there are more. What cannot be read counts.
 template <typename IsArray>
 size_t BytesBeside(const MessageSlices& message, MessageRange range, IsArray&& is_array) {
   size_t bytes = range.size;

@@ -43,7 +43,7 @@ absl::StatusOr<std::unique_ptr<MetricsPage>> MetricsPage::Serve(const std::strin
   try {
     return std::make_unique<ExposedPage>(address, metrics, store, budget);
   } catch (const std::exception&) {
-    return absl::UnavailableError(absl::StrCat("can not listen for metrics at ", address,
+    return absl::UnavailableError(absl::StrCat("cannot listen for metrics at ", address,
                                                ": the address is malformed, not of this machine, or taken"));
   }
 }

@@ -17,7 +17,7 @@ namespace deltaray {
 // hold, and the process. Works while gRPC does not.
 class MetricsPage {
  public:
-  // Listens at `address`, host:port. UNAVAILABLE where that can not be had. All outlive the page.
+  // Listens at `address`, host:port. UNAVAILABLE where that cannot be had. All outlive the page.
   static absl::StatusOr<std::unique_ptr<MetricsPage>> Serve(const std::string& address, Metrics* metrics,
                                                             const MeshStore* store, const BatchBudget* budget);
 

@@ -21,7 +21,7 @@ double Seconds(const timeval& time) {
   return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
 }
 
-// 0 where it can not be had, as where no descriptor is left to read it by.
+// 0 where it cannot be had, as where no descriptor is left to read it by.
 double ResidentBytes() {
   std::ifstream file("/proc/self/statm");
   double all_pages = 0, resident_pages = 0;

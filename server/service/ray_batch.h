@@ -33,7 +33,7 @@ class RayBatchView {
   // Fills `rays` with the rays from `first` on. The mesh's origin is subtracted from the ray's in float64, and the
   // result rounded once to float32; where it is zero, float32 rays keep their bits. INVALID_ARGUMENT, with the number
   // of the ray and the component, for a number that is not finite, or no longer so as float32, for a direction that
-  // float32 can not tell from zero, for NaN in an interval, and for an excluded primitive that the mesh has not.
+  // float32 cannot tell from zero, for NaN in an interval, and for an excluded primitive that the mesh has not.
   absl::Status Decode(size_t first, std::span<Ray> rays) const;
 
  private:

@@ -34,7 +34,7 @@ class ReloadedFiles {
   // Takes what the files hold. Not OK: it is no good, and what was taken before stays in use. Must not throw.
   using Load = std::function<absl::Status(const std::vector<ReloadedFile>& files)>;
 
-  // Loads the files, which have no bytes yet; fails where one can not be read, or `load` does not take them. `load` is
+  // Loads the files, which have no bytes yet; fails where one cannot be read, or `load` does not take them. `load` is
   // called on this thread, and until the end of this on another one; what it says then is logged.
   static absl::StatusOr<std::unique_ptr<ReloadedFiles>> Start(std::vector<ReloadedFile> files, Load load);
   ~ReloadedFiles();

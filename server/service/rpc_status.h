@@ -18,7 +18,7 @@ namespace deltaray {
 grpc::Status ToRpcStatus(const absl::Status& status);
 
 // Runs body(), which returns absl::Status. An exception becomes a status: RESOURCE_EXHAUSTED for lack of memory, else
-// INTERNAL. gRPC leaves a call open for ever when an exception leaves a reaction.
+// INTERNAL. gRPC leaves a call open forever when an exception leaves a reaction.
 template <typename Body>
 absl::Status CatchExceptions(Body&& body) {
   try {

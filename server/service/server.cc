@@ -146,7 +146,7 @@ class GrpcServer final : public Server {
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
     server_ = builder.BuildAndStart();
-    if (server_ == nullptr) return absl::UnavailableError("gRPC can not start a server");
+    if (server_ == nullptr) return absl::UnavailableError("gRPC cannot start a server");
     listener_->Start(std::move(acceptor));
     wake_call_.emplace(server_->InProcessChannel({}));
     ticker_.emplace(kTick, [this] {
@@ -198,7 +198,7 @@ class GrpcServer final : public Server {
     // A build may take longer than the drain, and ends with it.
     store_->StopWaiting(DrainingError());
     const bool all_ended = calls_.WaitUntilNone(deadline);
-    // Without a deadline this would wait for ever for whoever watches our health.
+    // Without a deadline this would wait forever for whoever watches our health.
     const auto grace = all_ended ? std::min(timeout, kLastCalls) : std::chrono::milliseconds(0);
     watchdog_.reset();
     listener_->Stop();

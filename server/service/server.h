@@ -50,7 +50,7 @@ struct ServerOptions {
 // A running server. All methods are thread-safe.
 class Server {
  public:
-  // Opens the store and listens. UNAVAILABLE where the address can not be had; INVALID_ARGUMENT, naming flag and file,
+  // Opens the store and listens. UNAVAILABLE where the address cannot be had; INVALID_ARGUMENT, naming flag and file,
   // where a file of `security` is of no use.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   // The same over a store that is open already.

@@ -26,7 +26,7 @@ class Ticker {
     std::function<void()> tick;
     Mutex mutex;
     bool stopped ABSL_GUARDED_BY(mutex) = false;
-    // The one that is set, and the one before, which can not be destroyed within its own callback.
+    // The one that is set, and the one before, which cannot be destroyed within its own callback.
     std::unique_ptr<grpc::Alarm> alarm ABSL_GUARDED_BY(mutex), last_alarm ABSL_GUARDED_BY(mutex);
   };
 

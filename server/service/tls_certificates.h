@@ -23,7 +23,7 @@ namespace deltaray {
 // other one, 1.51 drops the old certificate and refuses every handshake.
 class TlsCertificates {
  public:
-  // Reads the files of `options`, of which tls() holds. INVALID_ARGUMENT, naming flag and file, where one can not be
+  // Reads the files of `options`, of which tls() holds. INVALID_ARGUMENT, naming flag and file, where one cannot be
   // read, is malformed, or does not match the other; new ones like that are logged, and the former stay.
   static absl::StatusOr<std::unique_ptr<TlsCertificates>> Start(const SecurityOptions& options);
 

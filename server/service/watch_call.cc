@@ -43,7 +43,7 @@ void WatchCall::Look() {
   const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return Report(); });
   if (!status.ok()) FinishOnce(status);
   if (finished_) return;
-  // An alarm can not be set anew from within its own callback, which it keeps: held by that, the call would never die.
+  // An alarm cannot be set anew from within its own callback, which it keeps: held by that, the call would never die.
   alarm_ = std::make_unique<grpc::Alarm>();
   alarm_->Set(std::chrono::system_clock::now() + kInterval, [weak_self = weak_self_](bool) {
     const std::shared_ptr<WatchCall> self = weak_self.lock();

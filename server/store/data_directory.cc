@@ -26,7 +26,7 @@ bool Exists(const std::string& path) {
   return std::filesystem::exists(path, error) || error;
 }
 
-// Whether a file can not be read for what may pass: then it is not known what it holds.
+// Whether a file cannot be read for what may pass: then it is not known what it holds.
 bool MayPass(const absl::Status& status) {
   return !status.ok() && !absl::IsNotFound(status) && !absl::IsDataLoss(status) && !absl::IsFailedPrecondition(status);
 }

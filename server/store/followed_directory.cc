@@ -157,7 +157,7 @@ void FollowedDirectory::Follow() {
       if (status.ok()) {
         spdlog::info("changes of other servers can be seen again");
       } else {
-        spdlog::error("changes of other servers can not be seen: {}", status.ToString());
+        spdlog::error("changes of other servers cannot be seen: {}", status.ToString());
       }
     }
     last = status;

@@ -112,7 +112,7 @@ class Upload {
 // are thread-safe; those that touch the disk block, none waits for a build.
 //
 // `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
-// damaged or can not be read. A mesh or name that is not known is looked for on disk at once; that a known one was
+// damaged or cannot be read. A mesh or name that is not known is looked for on disk at once; that a known one was
 // moved or deleted by another server is noticed within a few Options::follow_interval.
 class MeshStore {
  public:

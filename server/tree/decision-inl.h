@@ -238,7 +238,7 @@ class DecisionQueue {
     const D d;
     const Test test(queued_, first, culling_);
     M certain = hn::Not(hn::Or(test.uncertain, test.missed));
-    // Lanes of which the rounded numbers can not be told, are decided one by one.
+    // Lanes of which the rounded numbers cannot be told, are decided one by one.
     float rounded[3][hn::MaxLanes(D())];
     const Divisor divisor(test.det);
     Round(Interval(test.t, divisor), hn::LoadU(d, queued_.unscale + first), rounded[0], &certain);

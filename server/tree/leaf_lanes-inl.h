@@ -95,7 +95,7 @@ struct RayColumns {
   HWY_ALIGN float det_slack[kPacketRays];
   HWY_ALIGN float end_slack[kPacketRays];
   HWY_ALIGN uint32_t exact[kPacketRays];
-  // At kWatertight. Rays whose axes are not in the same order can not be tested together.
+  // At kWatertight. Rays whose axes are not in the same order cannot be tested together.
   HWY_ALIGN uint32_t axis[3][kPacketRays];
   HWY_ALIGN float shear[3][kPacketRays];
   bool same_axes = true;

@@ -151,7 +151,7 @@ struct FastTest {
 struct WatertightTest {
   static constexpr bool kExact = false;
 
-  // Without branches: which axis comes last, and whether it is turned, can not be foretold.
+  // Without branches: which axis comes last, and whether it is turned, cannot be foretold.
   HWY_ATTR static HWY_INLINE void SetUp(RaySlot& ray) {
     const float x = std::abs(ray.direction[0]), y = std::abs(ray.direction[1]), z = std::abs(ray.direction[2]);
     const uint32_t z_is = static_cast<uint32_t>(z >= x) & static_cast<uint32_t>(z >= y);

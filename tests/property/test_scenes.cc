@@ -24,7 +24,7 @@ constexpr size_t kRays = 5376, kTieRays = 1024, kFewRays = 512;
 #endif
 
 // Fewer where a ray takes long: in the bunny, by brute force, and where much is decided exactly, since a ray meets many
-// triangles at one t or since floating point can not hold the products of coordinates.
+// triangles at one t or since floating point cannot hold the products of coordinates.
 size_t RayCount(std::string_view name) {
   for (const char* ties : {"coplanar_overlap", "geometric_series", "voxels", "ulp_layers", "needle_fan"}) {
     if (name == ties) return kTieRays;

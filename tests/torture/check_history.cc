@@ -10,7 +10,7 @@ namespace {
 using Kind = Event::Kind;
 using Outcome = Event::Outcome;
 
-// Before `change` had its effect, another one can not have come that was begun after its end.
+// Before `change` had its effect, another one cannot have come that was begun after its end.
 bool EndsBefore(const Event& change, const Event& other) {
   return change.outcome == Outcome::kDone && change.end < other.begin;
 }

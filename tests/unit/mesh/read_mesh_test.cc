@@ -62,11 +62,11 @@ TEST(ReadMeshTest, RefusesWhatItCanNotTell) {
   const auto code = absl::StatusCode::kInvalidArgument;
   ExpectRefused("", MeshFormat::kDetect, code, {"byte 0", "empty"});
   ExpectRefused("\n# x\n\n", MeshFormat::kDetect, code, {"line 3", "nothing but blank lines and comments"});
-  ExpectRefused("hello\n", MeshFormat::kDetect, code, {"line 1", "can not be told", "\"hello\""});
-  ExpectRefused("plywood\n", MeshFormat::kDetect, code, {"line 1", "can not be told"});
+  ExpectRefused("hello\n", MeshFormat::kDetect, code, {"line 1", "cannot be told", "\"hello\""});
+  ExpectRefused("plywood\n", MeshFormat::kDetect, code, {"line 1", "cannot be told"});
   ExpectRefused(std::string("\x89PNG\r\n\x1A\n\0", 9), MeshFormat::kDetect, code, {"\"\\x89PNG\""});
   ExpectRefused(std::string(80, 'x') + std::string("\2\0\0\0", 4) + std::string(50, '\0'), MeshFormat::kDetect, code,
-                {"can not be told", "a binary STL file it would have 184 bytes, not 134"});
+                {"cannot be told", "a binary STL file it would have 184 bytes, not 134"});
   ExpectRefused("\xFF\xFEv\0 \0", MeshFormat::kDetect, code, {"byte 0", "UTF-16"});
   ExpectRefused(std::string(2'000'000, 'x'), MeshFormat::kDetect, absl::StatusCode::kResourceExhausted,
                 {"line 1", "max_line_bytes = 1048576"});

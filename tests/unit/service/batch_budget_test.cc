@@ -65,7 +65,7 @@ TEST_F(BatchBudgetTest, LetsThoseThatWaitInInTurn) {
   Share large(&budget_), message(&budget_), fits(&budget_), small(&budget_);
   EXPECT_FALSE(large.Expect(8 * kMega, note(1)));
   EXPECT_EQ(message.Begin(kMega, 3 * kMega, false, note(2)), Answer::kLater);
-  // There would be room for it, but then one that needs much would wait for ever.
+  // There would be room for it, but then one that needs much would wait forever.
   EXPECT_FALSE(fits.Expect(kMega, note(3)));
   EXPECT_TRUE(small.Expect(BatchBudget::kFreeBytes, kNothing));
   first = nullptr;
