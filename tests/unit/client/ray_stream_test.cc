@@ -230,7 +230,7 @@ TEST_F(RayStreamTest, AStreamThatIsAnsweredForTwoMeshesIsAnError) {
 }
 
 TEST_F(RayStreamTest, GivesUpWhenNoAnswerComesInTime) {
-  session_.session().retry_seconds = 0.5;
+  session_.session().retry_seconds = 2;
   server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
   server_.behaviour.fail_at_batch = 0;
   const auto start = std::chrono::steady_clock::now();
