@@ -3,14 +3,12 @@
 #include <tbb/info.h>
 #include <tbb/task_arena.h>
 
-#include <atomic>
 #include <exception>
 #include <new>
 #include <optional>
 #include <system_error>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/build/build_context.h"
@@ -46,20 +44,16 @@ class SharedState {
   }
 
   void PublishProvisional(std::shared_ptr<const Tree> tree, double seconds) {
-    std::vector<Callback> due;
     {
       MutexLock lock(mutex_);
       snapshot_ = std::make_shared<TreeSnapshot>(TreeSnapshot{mesh_, std::move(tree), false});
       provisional_seconds_ = seconds;
-      due = TakeDue(false);
     }
     changed_.notify_all();
-    for (const Callback& callback : due) callback(absl::OkStatus());
   }
 
   // `tree`: the final one, or null where `status` says why there is none.
   void End(const absl::Status& status, std::shared_ptr<const Tree> tree, const TreeShape& shape, double seconds) {
-    std::vector<Callback> due;
     std::shared_ptr<const TreeSnapshot> replaced;  // freed outside of the lock
     {
       MutexLock lock(mutex_);
@@ -69,53 +63,18 @@ class SharedState {
         final_shape_ = shape;
       }
       ended_ = status;
-      due = TakeDue(true);
     }
     changed_.notify_all();
-    for (const Callback& callback : due) callback(status);
   }
 
   absl::Status Wait(bool final) {
     MutexLock lock(mutex_);
     while (!ended_ && (final || snapshot_ == nullptr)) changed_.wait(mutex_);
-    return StatusNow(final);
-  }
-
-  void OnSnapshot(bool final, std::function<void(absl::Status)> callback) {
-    absl::Status status;
-    {
-      MutexLock lock(mutex_);
-      if (!ended_ && (final || snapshot_ == nullptr)) {
-        callbacks_.emplace_back(final, std::move(callback));
-        return;
-      }
-      status = StatusNow(final);
-    }
-    callback(status);
-  }
-
- private:
-  using Callback = std::function<void(absl::Status)>;
-
-  absl::Status StatusNow(bool final) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (!final && snapshot_ != nullptr) return absl::OkStatus();
     return *ended_;
   }
 
-  std::vector<Callback> TakeDue(bool final) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    std::vector<Callback> due;
-    std::vector<std::pair<bool, Callback>> later;
-    for (auto& [wants_final, callback] : callbacks_) {
-      if (final || !wants_final) {
-        due.push_back(std::move(callback));
-      } else {
-        later.emplace_back(wants_final, std::move(callback));
-      }
-    }
-    callbacks_ = std::move(later);
-    return due;
-  }
-
+ private:
   const std::shared_ptr<const TriangleMesh> mesh_;
   mutable Mutex mutex_;
   Condition changed_;
@@ -123,7 +82,6 @@ class SharedState {
   double provisional_seconds_ ABSL_GUARDED_BY(mutex_) = 0;
   std::optional<TreeShape> final_shape_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Status> ended_ ABSL_GUARDED_BY(mutex_);
-  std::vector<std::pair<bool, Callback>> callbacks_ ABSL_GUARDED_BY(mutex_);
 };
 
 // Runs the build from its first phase to its last, on the calling thread and the arena's workers.
@@ -174,22 +132,12 @@ class AsynchronousBuild final : public Build {
 
   ~AsynchronousBuild() override {
     Cancel();
-    if (!thread_.joinable()) return;
-    // A callback may drop the last reference on the build's own thread, which cannot wait for itself.
-    if (thread_.get_id() == std::this_thread::get_id()) {
-      thread_.detach();
-    } else {
-      thread_.join();
-    }
+    if (thread_.joinable()) thread_.join();
   }
 
   std::shared_ptr<const TreeSnapshot> snapshot() const override { return state_->snapshot(); }
   absl::Status WaitProvisional() override { return state_->Wait(false); }
   absl::Status WaitDone() override { return state_->Wait(true); }
-  void OnSnapshot(bool final, std::function<void(absl::Status)> callback) override {
-    state_->OnSnapshot(final, std::move(callback));
-  }
-
   // Not once it has ended: the δ-leaves of a lazy tree are built after that.
   void Cancel() override {
     if (!state_->ended()) context_->Cancel();

@@ -54,10 +54,6 @@ class Build {
   // Blocks until the build has ended. CANCELLED after Cancel().
   virtual absl::Status WaitDone() = 0;
 
-  // Calls `callback` once, when the build has a snapshot, final one with `final`, or has ended otherwise; at once, on
-  // the calling thread, where that is so already. For servers that must not block.
-  virtual void OnSnapshot(bool final, std::function<void(absl::Status)> callback) = 0;
-
   // Asks the build to end; it does so within 100 ms. Nothing happens where it has ended already.
   virtual void Cancel() = 0;
 

@@ -26,13 +26,14 @@ struct Config {
   uint32_t delta = 32;
   // α: weight of area against distance in the clustering cost. 0 to 1. [Tang 2015], section 3.2.
   double alpha = 0.6;
-  // Ct and Ci of the clustering cost, as printed. 0.001 to 1000. [Tang 2015], section 5.1.
+  // Ct and Ci of the clustering cost, as printed, where Ct adds the same to all pairs. 0.001 to 1000. [Tang 2015],
+  // section 5.1.
   double cluster_traversal_cost = 1;
   double cluster_intersection_cost = 80;
   // Ct and Ci of the surface area heuristic that splits, leaves and the choice among candidates go by. 0.001 to 1000.
   double traversal_cost = 1;
   double intersection_cost = 1;
-  // Most references of a leaf of the finished BVH. 1 to 255.
+  // Most references of a leaf of the binary BVH, 1 to 255; the wide tree's leaves are planned anew, of up to 8.
   uint32_t max_leaf_size = 8;
   // A spatial split is tried only where the children of the best object split overlap by more than this part of the
   // root's area. 0: always; 1: never. [Stich 2009], section 4.5.

@@ -27,7 +27,8 @@ inline constexpr uint32_t kMaxTopDownDepth = kSahDepth + 32;
 
 // Splits down to nodes of at most config.delta references, the δ-leaves. Each node is split where the SAH says, by
 // objects or, where the children of the best object split overlap enough, in space [Stich 2009]. Differs from
-// [Tang 2015], table 1, in that choice, in clipping references to their cell, and in that it always ends.
+// [Tang 2015], table 1, in that choice, in looking at all three axes, in clipping references to their cell, in δ
+// references being few enough, and in that it always ends.
 //
 // References that spatial splits add go in the room that `references` has; what room a node has is shared among its
 // children in proportion to their references. The result does not depend on the number of threads. Runs in the calling

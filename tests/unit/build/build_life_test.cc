@@ -51,57 +51,18 @@ TEST(BuildLifeTest, DestroyingARunningBuildCancelsIt) {
   EXPECT_EQ(begun, begun_by_then);
 }
 
-TEST(BuildLifeTest, CallbacksComeOnceEach) {
-  Gate gate;
-  const std::shared_ptr<Build> build = Start(Shared(Soup(500)), Config(), 2, gate.Pass());
-  std::promise<absl::Status> provisional, final;
-  std::atomic<bool> final_came{false};
-  build->OnSnapshot(false, [&](absl::Status status) { provisional.set_value(status); });
-  build->OnSnapshot(true, [&](absl::Status status) {
-    final_came = true;
-    final.set_value(status);
-  });
-  EXPECT_TRUE(provisional.get_future().get().ok());
-  EXPECT_NE(build->snapshot(), nullptr);
-  EXPECT_FALSE(final_came);
-  gate.Open();
-  EXPECT_TRUE(final.get_future().get().ok());
-  EXPECT_TRUE(build->snapshot()->final);
-  // From now on at once.
-  int calls = 0;
-  for (const bool wants_final : {false, true}) build->OnSnapshot(wants_final, [&](absl::Status) { ++calls; });
-  EXPECT_EQ(calls, 2);
-}
-
-TEST(BuildLifeTest, CallbacksHearOfCancellation) {
+TEST(BuildLifeTest, WhatThereWasAnswersAfterACancel) {
   Gate gate;
   const std::shared_ptr<Build> build = Start(Shared(Soup(2000)), Config(), 1, gate.Pass());
-  std::promise<absl::Status> final;
-  build->OnSnapshot(true, [&](absl::Status status) { final.set_value(status); });
+  std::future<absl::Status> final = std::async(std::launch::async, [&] { return build->WaitDone(); });
   ASSERT_TRUE(build->WaitProvisional().ok());
+  EXPECT_EQ(final.wait_for(milliseconds(20)), std::future_status::timeout);
   build->Cancel();
   gate.Open();
-  EXPECT_EQ(final.get_future().get().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(final.get().code(), absl::StatusCode::kCancelled);
   EXPECT_EQ(build->WaitDone().code(), absl::StatusCode::kCancelled);
-  // What there was still answers.
   EXPECT_TRUE(build->WaitProvisional().ok());
   EXPECT_FALSE(build->snapshot()->final);
-}
-
-TEST(BuildLifeTest, ACallbackMayDropTheLastReference) {
-  for (const bool final : {false, true}) {
-    std::shared_ptr<Build> build = Start(Shared(Soup(3000)), Config());
-    std::promise<void> dropped;
-    auto holder = std::make_shared<std::shared_ptr<Build>>(build);
-    Build* const raw = build.get();
-    build = nullptr;
-    raw->OnSnapshot(final, [&dropped, holder](absl::Status) {
-      *holder = nullptr;
-      dropped.set_value();
-    });
-    holder = nullptr;
-    dropped.get_future().wait();
-  }
 }
 
 TEST(BuildLifeTest, CancelAfterTheEndDoesNothing) {
