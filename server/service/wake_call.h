@@ -3,11 +3,12 @@
 #ifndef SERVER_SERVICE_WAKE_CALL_H_
 #define SERVER_SERVICE_WAKE_CALL_H_
 
-#include <atomic>
 #include <chrono>
 #include <memory>
+#include <utility>
 
 #include "grpcpp/channel.h"
+#include "server/build/mutex.h"
 
 namespace deltaray {
 
@@ -17,6 +18,8 @@ namespace deltaray {
 class WakeCall {
  public:
   explicit WakeCall(std::shared_ptr<grpc::Channel> channel) : channel_(std::move(channel)) {}
+  // Cancels the call under way and waits for its end.
+  ~WakeCall();
 
   // Makes the call, unless the one before is still under way; does not wait for it. To be called at least twice a
   // second.
@@ -25,9 +28,18 @@ class WakeCall {
   std::chrono::milliseconds Waiting() const;
 
  private:
+  struct Call;
+  struct State {
+    Mutex mutex;
+    Condition changed;
+    std::weak_ptr<Call> call ABSL_GUARDED_BY(mutex);
+    bool under_way ABSL_GUARDED_BY(mutex) = false;  // until all of the call is gone
+    std::chrono::steady_clock::time_point began ABSL_GUARDED_BY(mutex);
+  };
+
+  // Its last holder must not be a call, which gRPC lets go of on a thread that the channel's end would end.
   const std::shared_ptr<grpc::Channel> channel_;
-  const std::shared_ptr<std::atomic<bool>> under_way_ = std::make_shared<std::atomic<bool>>(false);
-  std::atomic<std::chrono::steady_clock::time_point> began_{};
+  const std::shared_ptr<State> state_ = std::make_shared<State>();
 };
 
 }  // namespace deltaray
