@@ -138,6 +138,7 @@ class AsynchronousBuild final : public Build {
   std::shared_ptr<const TreeSnapshot> snapshot() const override { return state_->snapshot(); }
   absl::Status WaitProvisional() override { return state_->Wait(false); }
   absl::Status WaitDone() override { return state_->Wait(true); }
+
   // Not once it has ended: the δ-leaves of a lazy tree are built after that.
   void Cancel() override {
     if (!state_->ended()) context_->Cancel();

@@ -27,8 +27,8 @@ absl::Status ParseSmallMessage(grpc::ByteBuffer bytes, google::protobuf::Message
 
 absl::Status CheckSmall(size_t bytes, absl::string_view what) {
   if (bytes <= kMaxSmallMessageBytes) return absl::OkStatus();
-  return absl::ResourceExhaustedError(absl::StrCat(what, " takes ", bytes, " bytes, over the limit of ",
-                                                   kMaxSmallMessageBytes, " bytes besides rays and files"));
+  return absl::ResourceExhaustedError(
+      absl::StrCat(what, " takes more than ", kMaxSmallMessageBytes, " bytes besides rays and files"));
 }
 
 grpc::ByteBuffer SerializeMessage(const google::protobuf::MessageLite& message) {

@@ -53,8 +53,7 @@ std::optional<Split> SplitMessage(const MessageSlices& message, uint32_t rays_fi
 
 // Parses the forms that every protobuf library writes. False: it is none of these, and nothing was found out.
 template <typename Request>
-bool ParseQuickly(const grpc::ByteBuffer& bytes, bool rays_alone, Request* request, RayBatchBytes* rays) {
-  rays->message = MessageSlices(bytes);
+bool ParseQuickly(bool rays_alone, Request* request, RayBatchBytes* rays) {
   const std::optional<Split> split = SplitMessage(rays->message, Request::kRaysFieldNumber);
   if (!split || (split->rays && rays_alone && !split->others.empty())) return false;
   if (!request->ParseFromString(split->others)) return false;
@@ -81,9 +80,10 @@ size_t BytesBesideArrays(const MessageSlices& message, uint32_t rays_field) {
 
 template <typename Request>
 absl::Status Parse(grpc::ByteBuffer bytes, bool rays_alone, Request* request, RayBatchBytes* rays) {
-  const size_t others = BytesBesideArrays(MessageSlices(bytes), Request::kRaysFieldNumber);
+  rays->message = MessageSlices(bytes);
+  const size_t others = BytesBesideArrays(rays->message, Request::kRaysFieldNumber);
   if (absl::Status status = CheckSmall(others, request->GetTypeName()); !status.ok()) return status;
-  if (ParseQuickly(bytes, rays_alone, request, rays)) return absl::OkStatus();
+  if (ParseQuickly(rays_alone, request, rays)) return absl::OkStatus();
   if (absl::Status status = ParseMessage(std::move(bytes), request); !status.ok()) return status;
   *rays = CopyRayBatch(request->rays());
   if (request->has_rays()) request->mutable_rays()->Clear();

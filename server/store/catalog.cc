@@ -101,4 +101,20 @@ void Catalog::StopWaiting(const absl::Status& status) {
   for (const auto& entry : List("", SIZE_MAX)) entry->StopWaiting(status);
 }
 
+void Catalog::NoteWaitedFor(std::shared_ptr<MeshEntry> entry) {
+  MutexLock lock(mutex_);
+  waited_for_.insert(std::move(entry));
+}
+
+void Catalog::ForgetCancelled() {
+  std::vector<std::shared_ptr<MeshEntry>> entries;
+  {
+    MutexLock lock(mutex_);
+    entries.assign(waited_for_.begin(), waited_for_.end());
+  }
+  for (const std::shared_ptr<MeshEntry>& entry : entries) entry->ForgetCancelled();
+  MutexLock lock(mutex_);
+  std::erase_if(waited_for_, [](const std::shared_ptr<MeshEntry>& entry) { return !entry->IsWaitedFor(); });
+}
+
 }  // namespace deltaray

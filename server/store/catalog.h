@@ -47,6 +47,10 @@ class Catalog {
 
   // MeshEntry::StopWaiting, for all entries and those to come.
   void StopWaiting(const absl::Status& status);
+  // Notes that somebody waits for the mesh's tree.
+  void NoteWaitedFor(std::shared_ptr<MeshEntry> entry);
+  // MeshEntry::ForgetCancelled, for all entries that somebody may wait for.
+  void ForgetCancelled();
 
  private:
   mutable Mutex mutex_;
@@ -55,6 +59,7 @@ class Catalog {
   std::map<std::string, std::set<std::string>, std::less<>> names_of_ ABSL_GUARDED_BY(mutex_);  // by id; none is empty
   uint64_t stored_bytes_ ABSL_GUARDED_BY(mutex_) = 0;                                           // of all meshes
   absl::Status no_waiting_ ABSL_GUARDED_BY(mutex_);
+  std::set<std::shared_ptr<MeshEntry>> waited_for_ ABSL_GUARDED_BY(mutex_);  // deleted ones too, until nobody waits
 };
 
 }  // namespace deltaray

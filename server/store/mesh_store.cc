@@ -42,7 +42,7 @@ class Store final : public MeshStore {
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override;
   void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                 std::function<bool()> cancelled) override;
-  void ForgetCancelled() override;
+  void ForgetCancelled() override { directory_.catalog().ForgetCancelled(); }
   void StopWaiting(const absl::Status& status) override { directory_.catalog().StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override;
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start) override;
@@ -78,9 +78,6 @@ class Store final : public MeshStore {
   mutable FollowedDirectory directory_;
   // Held by whoever changes the directory, for as long as it waits for the other servers and acts.
   Mutex change_mutex_;  // before directory_.mutex()
-  // The meshes whose tree somebody may wait for.
-  Mutex waited_for_mutex_;  // before those of the entries
-  std::set<EntryPointer> waited_for_ ABSL_GUARDED_BY(waited_for_mutex_);
 };
 
 class StoreUpload final : public Upload {
@@ -354,20 +351,7 @@ void Store::WithTree(absl::string_view mesh, bool final, int tries,
     if (!absl::IsNotFound(answer.status()) || tries == 0 || !directory_.IsThere(id)) return callback(std::move(answer));
     WithTree(mesh, final, tries - 1, callback, cancelled);
   };
-  if (!(*entry)->WithTree(final, std::move(on_tree), std::move(cancelled))) return;
-  MutexLock lock(waited_for_mutex_);
-  waited_for_.insert(*entry);
-}
-
-void Store::ForgetCancelled() {
-  std::vector<EntryPointer> entries;
-  {
-    MutexLock lock(waited_for_mutex_);
-    entries.assign(waited_for_.begin(), waited_for_.end());
-  }
-  for (const EntryPointer& entry : entries) entry->ForgetCancelled();
-  MutexLock lock(waited_for_mutex_);
-  std::erase_if(waited_for_, [](const EntryPointer& entry) { return !entry->IsWaitedFor(); });
+  if ((*entry)->WithTree(final, std::move(on_tree), std::move(cancelled))) directory_.catalog().NoteWaitedFor(*entry);
 }
 
 void Store::NoteAnswer(const Answer& answer) {

@@ -49,6 +49,26 @@ class RayStreamTest : public ::testing::Test {
         });
   }
 
+  // Sends `batches` batches of a ray, then waits for input that never comes.
+  absl::Status StreamWithSilentInput(uint64_t batches) {
+    int pipe_ends[2];
+    EXPECT_EQ(pipe(pipe_ends), 0);
+    session_.SetInputFd(pipe_ends[0]);
+    auto file = InputFile::Open("-", session_.session());
+    const absl::Status status = StreamBatches(
+        *connection_, start_,
+        [&](OutgoingBatch& batch) -> absl::StatusOr<bool> {
+          batch.ray_count = 1;
+          batch.rays.set_rays(std::string(24, '\0'));
+          if (batches-- > 0) return true;
+          char byte;
+          return file->Read(std::span(&byte, 1)).status();
+        },
+        [](const v1::HitBatch&) { return absl::OkStatus(); });
+    close(pipe_ends[1]);
+    return status;
+  }
+
   FakeServer server_;
   TestSession session_;
   absl::StatusOr<Connection> connection_;
@@ -75,20 +95,7 @@ TEST_F(RayStreamTest, ReturnsTheServersErrorInMidStream) {
 TEST_F(RayStreamTest, ServersErrorWakesASenderThatWaitsForInput) {
   server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
   server_.behaviour.fail_at_batch = 0;
-  int pipe_ends[2];
-  ASSERT_EQ(pipe(pipe_ends), 0);
-  session_.SetInputFd(pipe_ends[0]);
-  auto file = InputFile::Open("-", session_.session());
-  const absl::Status status = StreamBatches(
-      *connection_, start_,
-      [&](OutgoingBatch&) -> absl::StatusOr<bool> {
-        char byte;
-        const absl::StatusOr<size_t> count = file->Read(std::span(&byte, 1));
-        if (!count.ok()) return count.status();
-        return *count > 0;
-      },
-      [](const v1::HitBatch&) { return absl::OkStatus(); });
-  close(pipe_ends[1]);
+  const absl::Status status = StreamWithSilentInput(0);
   EXPECT_EQ(ExitCode(status), 64 + 14);
   EXPECT_EQ(status.message(), "draining");
 }
@@ -157,24 +164,7 @@ TEST_F(RayStreamTest, EarlyEndWithOkIsAnError) {
 // All that was read is answered, but more is to come.
 TEST_F(RayStreamTest, EndWithOkWhileTheInputWaitsIsAnError) {
   server_.behaviour.fail_at_batch = 1;
-  int pipe_ends[2];
-  ASSERT_EQ(pipe(pipe_ends), 0);
-  session_.SetInputFd(pipe_ends[0]);
-  auto file = InputFile::Open("-", session_.session());
-  bool first = true;
-  const absl::Status status = StreamBatches(
-      *connection_, start_,
-      [&](OutgoingBatch& batch) -> absl::StatusOr<bool> {
-        batch.ray_count = 1;
-        batch.rays.set_rays(std::string(24, '\0'));
-        if (std::exchange(first, false)) return true;
-        char byte;
-        const absl::StatusOr<size_t> count = file->Read(std::span(&byte, 1));
-        if (!count.ok()) return count.status();
-        return *count > 0;
-      },
-      [](const v1::HitBatch&) { return absl::OkStatus(); });
-  close(pipe_ends[1]);
+  const absl::Status status = StreamWithSilentInput(1);
   EXPECT_EQ(ExitCode(status), 1);
   EXPECT_EQ(status.message(), "the server ended the stream after 1 batches, before all were sent");
 }

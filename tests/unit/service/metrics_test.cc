@@ -126,20 +126,15 @@ TEST_F(MetricsTest, SeriesOfADeletedMeshGoAway) {
 }
 
 TEST_F(MetricsTest, ShowsBatchesBeingTracedAndStreamsUnderWay) {
-  std::atomic<bool> tracing{false}, enough{false};
-  HookedStore::Hooks hooks;
-  hooks.on_query = [&](size_t) {
-    tracing = true;
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  };
-  Start(hooks);
+  HeldQueries queries;
+  Start(queries.hooks());
   UploadSquares(1, 0, "squares");
   auto cast = std::async(std::launch::async, [&] { return Cast("squares", 2000, v1::QUERY_KIND_ANY_HIT).ok(); });
-  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  ASSERT_TRUE(queries.Await());
   const std::string page = Page();
   EXPECT_THAT(page, HasSubstr("deltaray_batches_tracing 1"));
   EXPECT_THAT(page, HasSubstr(R"(deltaray_calls_under_way{method="RayService/CastRays"} 1)"));
-  enough = true;
+  queries.LetGo();
   EXPECT_TRUE(cast.get());
 }
 

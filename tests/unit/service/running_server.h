@@ -109,6 +109,42 @@ class HookedStore final : public MeshStore {
   const Hooks hooks_;
 };
 
+// Waits for `condition`, at most ten seconds.
+inline bool Eventually(const std::function<bool()>& condition) {
+  for (int i = 0; i < 1000; ++i) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  return condition();
+}
+
+// Queries that begin, and end once they are let go on.
+class HeldQueries {
+ public:
+  ~HeldQueries() { LetGo(); }
+
+  // For HookedStore; may outlive this.
+  HookedStore::Hooks hooks() const {
+    HookedStore::Hooks hooks;
+    hooks.on_query = [state = state_](size_t) {
+      state->begun = true;
+      while (!state->let_go) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+    return hooks;
+  }
+  // Whether one has begun.
+  bool Await() const {
+    return Eventually([this] { return state_->begun.load(); });
+  }
+  void LetGo() { state_->let_go = true; }
+
+ private:
+  struct State {
+    std::atomic<bool> begun{false}, let_go{false};
+  };
+  const std::shared_ptr<State> state_ = std::make_shared<State>();
+};
+
 // An OBJ file of `count` unit squares one above the other at z = first, first + 1, ...: meshes.h' Squares.
 inline std::string SquaresObj(int count, int first = 0) {
   std::string obj;
@@ -198,15 +234,6 @@ class RunningServer : public testing::Test {
   std::unique_ptr<v1::MeshService::Stub> meshes_;
   std::unique_ptr<v1::RayService::Stub> rays_;
 };
-
-// Waits for `condition`, at most ten seconds.
-inline bool Eventually(const std::function<bool()>& condition) {
-  for (int i = 0; i < 1000; ++i) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return condition();
-}
 
 }  // namespace deltaray
 

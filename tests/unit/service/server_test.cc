@@ -33,6 +33,18 @@ class ServerTest : public RunningServer {
     for (size_t i = 0; i < count; ++i) rays += Bytes<float>({0.25f, 0.5f, 9, 0, 0, -1});
     return rays;
   }
+
+  // A stream on "squares" with one batch of that many rays.
+  auto StreamOf(size_t rays, grpc::ClientContext* context, const v1::RayQuery& query = {}) {
+    auto stream = rays_->StreamRays(context);
+    v1::StreamRaysRequest request;
+    request.mutable_start()->set_mesh("squares");
+    *request.mutable_start()->mutable_query() = query;
+    stream->Write(request);
+    request.mutable_rays()->set_rays(SlowRays(rays));
+    stream->Write(request);
+    return stream;
+  }
 };
 
 TEST_F(ServerTest, HealthKnowsTheServerAndBothServices) {
@@ -44,13 +56,8 @@ TEST_F(ServerTest, HealthKnowsTheServerAndBothServices) {
 }
 
 TEST_F(ServerTest, HealthIsAnsweredWhileALargeBatchIsTracedOnTheSameConnection) {
-  std::atomic<bool> tracing{false}, enough{false};
-  HookedStore::Hooks hooks;
-  hooks.on_query = [&](size_t) {
-    tracing = true;
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  };
-  Start(hooks);
+  HeldQueries queries;
+  Start(queries.hooks());
   UploadSquares(1, 0, "squares");
   v1::CastRaysRequest request;
   request.set_mesh("squares");
@@ -60,22 +67,17 @@ TEST_F(ServerTest, HealthIsAnsweredWhileALargeBatchIsTracedOnTheSameConnection) 
     grpc::ClientContext context;
     return rays_->CastRays(&context, request, &response).ok();
   });
-  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  ASSERT_TRUE(queries.Await());
   const auto start = std::chrono::steady_clock::now();
   EXPECT_EQ(Health(""), "SERVING");
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
-  enough = true;
+  queries.LetGo();
   EXPECT_TRUE(cast.get());
 }
 
 TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
-  std::atomic<bool> tracing{false}, enough{false};
-  HookedStore::Hooks hooks;
-  hooks.on_query = [&](size_t) {
-    tracing = true;
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  };
-  Start(hooks);
+  HeldQueries queries;
+  Start(queries.hooks());
   UploadSquares(1, 0, "squares");
 
   grpc::ClientContext idle_context, busy_context, upload_context;
@@ -88,12 +90,8 @@ TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
   v1::UploadMeshRequest header;
   header.mutable_header();
   upload->Write(header);
-  auto busy = rays_->StreamRays(&busy_context);
-  busy->Write(start);
-  v1::StreamRaysRequest batch;
-  batch.mutable_rays()->set_rays(SlowRays(3000));
-  busy->Write(batch);
-  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  auto busy = StreamOf(3000, &busy_context);
+  ASSERT_TRUE(queries.Await());
 
   auto drained = std::async(std::launch::async, [this] { return server_->Drain(); });
   v1::StreamRaysResponse response;
@@ -108,7 +106,7 @@ TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
   EXPECT_EQ(refused.error_code(), StatusCode::UNAVAILABLE);
   EXPECT_THAT(refused.error_message(), HasSubstr("draining"));
 
-  enough = true;
+  queries.LetGo();
   EXPECT_TRUE(busy->Read(&response));
   EXPECT_EQ(response.hits().ray_count(), 3000u);
   EXPECT_FALSE(busy->Read(&response));
@@ -117,28 +115,18 @@ TEST_F(ServerTest, DrainFinishesTheBatchUnderWayAndEndsIdleStreams) {
 }
 
 TEST_F(ServerTest, AStreamThatHasSentAllEndsWellInADrain) {
-  std::atomic<bool> tracing{false}, enough{false};
-  HookedStore::Hooks hooks;
-  hooks.on_query = [&](size_t) {
-    tracing = true;
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  };
-  Start(hooks);
+  HeldQueries queries;
+  Start(queries.hooks());
   UploadSquares(1, 0, "squares");
   grpc::ClientContext context;
-  auto stream = rays_->StreamRays(&context);
-  v1::StreamRaysRequest request;
-  request.mutable_start()->set_mesh("squares");
-  stream->Write(request);
-  request.mutable_rays()->set_rays(SlowRays(3000));
-  stream->Write(request);
+  auto stream = StreamOf(3000, &context);
   stream->WritesDone();
-  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  ASSERT_TRUE(queries.Await());
   std::this_thread::sleep_for(std::chrono::milliseconds(200));  // until the server has read the end, too
 
   auto drained = std::async(std::launch::async, [this] { return server_->Drain(); });
   ASSERT_TRUE(Eventually([&] { return Health("") == "NOT_SERVING"; }));
-  enough = true;
+  queries.LetGo();
   v1::StreamRaysResponse response;
   EXPECT_TRUE(stream->Read(&response));
   EXPECT_EQ(response.hits().ray_count(), 3000u);
@@ -149,29 +137,18 @@ TEST_F(ServerTest, AStreamThatHasSentAllEndsWellInADrain) {
 }
 
 TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
-  std::atomic<bool> tracing{false}, enough{false};
-  HookedStore::Hooks hooks;
-  hooks.on_query = [&](size_t) {
-    tracing = true;
-    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  };
+  HeldQueries queries;
   options_.drain_timeout = std::chrono::milliseconds(300);
-  Start(hooks);
+  Start(queries.hooks());
   UploadSquares(1, 0, "squares");
   grpc::ClientContext context;
-  auto stream = rays_->StreamRays(&context);
-  v1::StreamRaysRequest request;
-  request.mutable_start()->set_mesh("squares");
-  stream->Write(request);
-  request.mutable_rays()->set_rays(SlowRays(3000));
-  stream->Write(request);
-  ASSERT_TRUE(Eventually([&] { return tracing.load(); }));
+  auto stream = StreamOf(3000, &context);
+  ASSERT_TRUE(queries.Await());
   const auto start = std::chrono::steady_clock::now();
   EXPECT_FALSE(server_->Drain());
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
   EXPECT_FALSE(stream->Finish().ok());
-  enough = true;
-  server_.reset();  // before what its threads look at is gone
+  queries.LetGo();
 }
 
 TEST_F(ServerTest, DrainDoesNotWaitForABuild) {
@@ -193,13 +170,7 @@ TEST_F(ServerTest, DrainDoesNotWaitForABuild) {
     return rays_->CastRays(&context, request, &response);
   });
   grpc::ClientContext context;
-  auto stream = rays_->StreamRays(&context);
-  v1::StreamRaysRequest request;
-  request.mutable_start()->set_mesh("squares");
-  *request.mutable_start()->mutable_query() = query;
-  stream->Write(request);
-  request.mutable_rays()->set_rays(SlowRays(10));
-  stream->Write(request);
+  auto stream = StreamOf(10, &context, query);
   EXPECT_EQ(cast.wait_for(std::chrono::milliseconds(200)), std::future_status::timeout);
 
   const auto start = std::chrono::steady_clock::now();
