@@ -152,9 +152,7 @@ bool Listener::Hears(std::chrono::milliseconds patience) const {
 }
 
 absl::Status Listener::Rebind() {
-  struct stat file;
-  const bool is_ours = stat(unix_path_.c_str(), &file) == 0 && file.st_ino == unix_inode_;
-  if (unix_path_.empty() || is_ours) return absl::OkStatus();
+  if (unix_path_.empty() || SocketFileIsOurs()) return absl::OkStatus();
   EndThread();
   for (const int socket : std::exchange(sockets_, {})) close(socket);
   const absl::Status status = BindUnix(unix_path_);
@@ -179,9 +177,13 @@ void Listener::Stop() {
   EndThread();
   for (const int socket : std::exchange(sockets_, {})) close(socket);
   // Where it was removed, another server may listen at that path by now.
+  if (!unix_path_.empty() && SocketFileIsOurs()) unlink(unix_path_.c_str());
+  unix_path_.clear();
+}
+
+bool Listener::SocketFileIsOurs() const {
   struct stat file;
-  const std::string path = std::exchange(unix_path_, "");
-  if (!path.empty() && stat(path.c_str(), &file) == 0 && file.st_ino == unix_inode_) unlink(path.c_str());
+  return stat(unix_path_.c_str(), &file) == 0 && file.st_ino == unix_inode_;
 }
 
 void Listener::Run() {

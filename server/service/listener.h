@@ -66,6 +66,8 @@ class Listener {
   bool HasRoom();
   // Closes it, and says so in the log. A client that were told by GOAWAY would not fail, but connect again at once.
   void Refuse(int connection);
+  // Whether the file at unix_path_ is still the one that was made for it.
+  bool SocketFileIsOurs() const;
 
   const uint32_t max_connections_;
   std::vector<int> sockets_;

@@ -88,17 +88,9 @@ absl::Status WatchCall::Report() {
 }
 
 bool WatchCall::IsOver(const BuildReport& report) {
-  switch (report.state) {
-    case MeshState::kReady:
-    case MeshState::kFailed:
-    case MeshState::kStored:  // it has made room for others
-      return true;
-    case MeshState::kProvisional:
-      return report.progress.lazy;
-    case MeshState::kBuilding:
-      return false;
-  }
-  return false;
+  if (report.state == MeshState::kProvisional) return report.progress.lazy;
+  // Where it is only stored, it has made room for others.
+  return report.state != MeshState::kBuilding;
 }
 
 void WatchCall::OnWriteDone(bool ok) {

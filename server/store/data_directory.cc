@@ -101,8 +101,8 @@ absl::Status DataDirectory::LookAtMeshes(Changes* changes) {
       configs_.TellOf(id);
     }
     // That of a mesh that was read was read with it.
-    if (!read.contains(id) && !MayPass(config.status()))
-      changes->configs.emplace_back(id, config.ok() ? *config : Config());
+    if (read.contains(id) || MayPass(config.status())) continue;
+    changes->configs.emplace_back(id, config.ok() ? *config : Config());
   }
   for (std::string& id : configs->gone) {
     refused_.erase(ConfigPath(id));

@@ -185,7 +185,11 @@ bool MeshEntry::Drop() {
   finished = std::exchange(finished_, nullptr);
   if (answering_ && !(keep_current && answering_ == current_)) answering.swap(answering_);
   // A failure is remembered, but not what it has of a tree.
-  if (!keep_current) current = std::exchange(current_, current_->status().ok() ? nullptr : current_->WithoutTree());
+  if (!keep_current && current_->status().ok()) {
+    current.swap(current_);
+  } else if (!keep_current && answering == current_) {
+    current_ = current_->WithoutTree();
+  }
   return uploaded.mesh || finished || answering;
 }
 

@@ -171,7 +171,7 @@ class MeshStore {
   // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
   // thread, or later, on another; it must not block. Where the build failed: DATA_LOSS for a damaged file,
   // RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION. `cancelled` tells, on any thread,
-  // that nobody wants the tree any more: the callback is then let go, and is not called.
+  // that nobody wants the tree any more: ForgetCancelled then lets go of the callback, which is not called.
   virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                         std::function<bool()> cancelled = nullptr) = 0;
 
