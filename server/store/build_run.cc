@@ -39,12 +39,14 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
       // It keeps what it has.
     }
   }
+  const BuildProgress last_progress = Report().progress;
   // Destroyed, after the lock and in this order, where nothing is to be had from the build.
   std::shared_ptr<TreeBudget::Reservation> memory;
   std::shared_ptr<Build> dropped;
   MutexLock lock(mutex_);
   ended_ = true;
   status_ = status;
+  last_progress_ = last_progress;
   if (!status.ok() && build_ && !build_->snapshot()) dropped.swap(build_);
   if (!build_) memory.swap(memory_);
   return status;
@@ -55,7 +57,7 @@ std::shared_ptr<BuildRun> BuildRun::WithoutTree() const {
   MutexLock lock(mutex_);
   MutexLock run_lock(run->mutex_);
   run->begun_ = begun_, run->begin_ = begin_;
-  run->ended_ = ended_, run->status_ = status_;
+  run->ended_ = ended_, run->status_ = status_, run->last_progress_ = last_progress_;
   return run;
 }
 
@@ -106,11 +108,13 @@ void BuildRun::HoldTree(uint64_t provisional_bytes) {
   const std::shared_ptr<const TreeSnapshot> tree = build()->snapshot();
   // Before the lock: it looks at the whole tree.
   const uint64_t final_bytes = TreeBytes(*tree->tree) + tree->mesh->Bytes();
-  MutexLock lock(mutex_);
-  std::shared_ptr<TreeBudget::Reservation> final = memory_->Split(final_bytes);
-  // Batches may hold the provisional tree for longer, and this with it.
-  memory_->ShrinkTo(provisional_bytes);
-  memory_ = std::move(final);
+  std::shared_ptr<TreeBudget::Reservation> building;
+  {
+    MutexLock lock(mutex_);
+    building = std::exchange(memory_, memory_->Split(final_bytes));
+  }
+  // Batches may hold the provisional tree for longer, and this with it. After the lock: memory goes to the system.
+  building->ShrinkTo(provisional_bytes);
 }
 
 void BuildRun::Cancel() {
@@ -145,6 +149,11 @@ std::shared_ptr<const TreeSnapshot> BuildRun::snapshot() const {
   return {held, held->tree.get()};
 }
 
+std::shared_ptr<TreeBudget::Reservation> BuildRun::memory() const {
+  MutexLock lock(mutex_);
+  return memory_;
+}
+
 BuildReport BuildRun::Report() const {
   BuildReport report;
   report.build_number = number_;
@@ -153,9 +162,11 @@ BuildReport BuildRun::Report() const {
   {
     MutexLock lock(mutex_);
     running = build_;
-    if (!running && begun_) {
+    if (!running && ended_) {
+      report.progress = last_progress_;
+    } else if (!running && begun_) {
       report.progress.phase = BuildPhase::kReferences;
-      report.progress.elapsed_seconds = ended_ ? 0 : SecondsSince(begin_);
+      report.progress.elapsed_seconds = SecondsSince(begin_);
     }
   }
   if (running) report.progress = running->progress();

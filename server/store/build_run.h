@@ -73,6 +73,8 @@ class BuildRun {
   absl::Status status() const;
   // The best tree so far, with its memory; null: none.
   std::shared_ptr<const TreeSnapshot> snapshot() const;
+  // What was given to Hold, as far as the run still has it; null: none.
+  std::shared_ptr<TreeBudget::Reservation> memory() const;
   // Never kStored.
   BuildReport Report() const;
   // Of the tree that stood when the build ended; 0 before.
@@ -103,6 +105,7 @@ class BuildRun {
   std::shared_ptr<TreeBudget::Reservation> memory_ ABSL_GUARDED_BY(mutex_);
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
+  BuildProgress last_progress_ ABSL_GUARDED_BY(mutex_);  // once it has ended
 };
 
 }  // namespace deltaray

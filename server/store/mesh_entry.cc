@@ -174,14 +174,36 @@ void MeshEntry::AddUsage(StoreUsage* usage) const {
   if (finished_ && finished_ != answering_) usage->tree_bytes += finished_->tree_bytes();
 }
 
-bool MeshEntry::Drop() {
+bool MeshEntry::CurrentIsNeeded() const {
+  // Its end is yet to be told to those who wait for it.
+  return !current_ || !current_->has_ended() || !waiters_.empty();
+}
+
+std::vector<std::shared_ptr<TreeBudget::Reservation>> MeshEntry::DroppableMemory() const {
+  std::vector<std::shared_ptr<TreeBudget::Reservation>> result;
+  if (uploaded_.memory) result.push_back(uploaded_.memory);
+  if (finished_) result.push_back(finished_->memory());
+  if (answering_ && answering_ != finished_ && !(answering_ == current_ && CurrentIsNeeded())) {
+    result.push_back(answering_->memory());
+  }
+  return result;
+}
+
+uint64_t MeshEntry::DroppableBytes() const {
+  MutexLock lock(mutex_);
+  uint64_t bytes = 0;
+  for (const std::shared_ptr<TreeBudget::Reservation>& memory : DroppableMemory()) bytes += memory->bytes();
+  return bytes;
+}
+
+std::string MeshEntry::Drop() {
   // Destroyed after the lock.
   LoadedMesh uploaded;
   std::shared_ptr<BuildRun> finished, answering, current;
   MutexLock lock(mutex_);
+  for (const std::shared_ptr<TreeBudget::Reservation>& memory : DroppableMemory()) memory->Retire();
   uploaded = std::exchange(uploaded_, {});
-  // The end of the current run is yet to be told to those who wait for it.
-  const bool keep_current = !current_ || !current_->has_ended() || !waiters_.empty();
+  const bool keep_current = CurrentIsNeeded();
   finished = std::exchange(finished_, nullptr);
   if (answering_ && !(keep_current && answering_ == current_)) answering.swap(answering_);
   // A failure is remembered, but not what it has of a tree.
@@ -190,7 +212,8 @@ bool MeshEntry::Drop() {
   } else if (!keep_current && answering == current_) {
     current_ = current_->WithoutTree();
   }
-  return uploaded.mesh || finished || answering;
+  if (finished || answering) return "tree";
+  return uploaded.mesh ? "geometry" : "";
 }
 
 void MeshEntry::Close(const absl::Status& status) {
@@ -214,11 +237,12 @@ void MeshEntry::Close(const absl::Status& status) {
 absl::Status MeshEntry::StartRun(const Config& config, LoadedMesh loaded) {
   if (!closed_.ok()) return absl::OkStatus();
   const auto run = std::make_shared<BuildRun>(queue_->NextNumber(), config, info_.triangle_count);
+  // Before a thread of the queue makes room for it.
+  Touch();
   // A run that waits makes room for the one that takes its place.
   absl::Status status = queue_->Push(
       run->number(), [self = shared_from_this(), run] { self->DoRun(run); }, current_ ? current_->number() : 0);
   if (!status.ok()) return status;
-  Touch();
   current_ = run;
   if (loaded.mesh) uploaded_ = std::move(loaded);
   return absl::OkStatus();

@@ -75,9 +75,11 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
 
   // When the tree was last asked for, or begun.
   std::chrono::steady_clock::time_point last_used() const { return std::chrono::steady_clock::time_point(last_used_); }
-  // Lets go of the trees that no build under way will replace, and of geometry that waits for its build, so that the
-  // next query reads and builds the mesh. False: there was nothing.
-  bool Drop();
+  // Bytes of memory that Drop lets go of.
+  uint64_t DroppableBytes() const;
+  // Lets go of the trees, but for that of a build under way, and of geometry that waits for its build, so that the next
+  // query reads and builds the mesh. Their memory is retired. Returns what was dropped, for people; empty: nothing.
+  std::string Drop();
 
   // Cancels the build and answers all who wait, now and later, with `status`.
   void Close(const absl::Status& status);
@@ -91,6 +93,10 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
 
   // REQUIRES: current_ is set.
   BuildReport CurrentReport() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Whether the current run has, or is to have, what somebody waits for.
+  bool CurrentIsNeeded() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // What Drop lets go of, each once.
+  std::vector<std::shared_ptr<TreeBudget::Reservation>> DroppableMemory() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool MayTryAgain() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Makes a new run the current one. RESOURCE_EXHAUSTED, and nothing has changed, where the queue is full.
   absl::Status StartRun(const Config& config, LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

@@ -2,6 +2,7 @@
 
 #include <malloc.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -18,45 +19,79 @@ constexpr uint64_t kTrimBytes = uint64_t{4} << 20;
 
 }  // namespace
 
-TreeBudget::Reservation::~Reservation() { budget_->GiveBack(bytes_); }
-
 absl::Status TreeBudget::Reservation::GrowTo(uint64_t bytes) {
-  MutexLock lock(mutex_);
-  if (bytes <= bytes_) return absl::OkStatus();
   const auto deadline = std::chrono::steady_clock::now() + kGrowPatience;
-  while (!budget_->TryTake(bytes - bytes_)) {
+  while (!budget_->GrowOrWait(*this, bytes)) {
     if (bytes > budget_->limit()) {
       return absl::ResourceExhaustedError(
           absl::StrCat("the mesh takes more memory than the limit of ", budget_->limit(), " bytes (--tree-bytes)"));
     }
-    if (budget_->evict_()) continue;
     if (std::chrono::steady_clock::now() >= deadline) {
       return absl::ResourceExhaustedError(absl::StrCat("no memory is free of the limit of ", budget_->limit(),
                                                        " bytes (--tree-bytes): trees are being built or used; retry"));
     }
-    budget_->AwaitChange();
   }
-  bytes_ = bytes;
   return absl::OkStatus();
 }
 
 void TreeBudget::Reservation::ShrinkTo(uint64_t bytes) {
-  MutexLock lock(mutex_);
-  if (bytes >= bytes_) return;
-  budget_->GiveBack(bytes_ - bytes);
-  bytes_ = bytes;
+  uint64_t freed;
+  {
+    MutexLock lock(budget_->mutex_);
+    if (bytes >= bytes_) return;
+    freed = bytes_ - bytes;
+    bytes_ = bytes;
+    if (retired_) budget_->retired_ -= freed;
+  }
+  budget_->TrimAfter(freed);
+  MutexLock lock(budget_->mutex_);
+  budget_->used_ -= freed;
+  budget_->changed_.notify_all();
 }
 
 std::shared_ptr<TreeBudget::Reservation> TreeBudget::Reservation::Split(uint64_t bytes) {
-  MutexLock lock(mutex_);
-  if (bytes > bytes_) {
-    budget_->Take(bytes - bytes_);
-    bytes_ = bytes;
-  }
-  auto split = std::make_shared<Reservation>(budget_, bytes);
-  bytes_ -= bytes;
+  const std::shared_ptr<Reservation> split = budget_->Empty();
+  MutexLock lock(budget_->mutex_);
+  const uint64_t given = std::min(bytes, bytes_);
+  bytes_ -= given;
+  if (retired_) budget_->retired_ -= given;
+  budget_->used_ += bytes - given;
+  split->bytes_ = bytes;
   return split;
 }
+
+void TreeBudget::Reservation::Retire() {
+  MutexLock lock(budget_->mutex_);
+  if (!std::exchange(retired_, true)) budget_->retired_ += bytes_;
+}
+
+uint64_t TreeBudget::Reservation::bytes() const {
+  MutexLock lock(budget_->mutex_);
+  return bytes_;
+}
+
+class TreeBudget::Turn {
+ public:
+  explicit Turn(TreeBudget* budget) : budget_(budget) {
+    MutexLock lock(budget_->mutex_);
+    budget_->turns_.push_back(this);
+  }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+  ~Turn() {
+    MutexLock lock(budget_->mutex_);
+    budget_->turns_.remove(this);
+    budget_->changed_.notify_all();
+  }
+
+  bool HasCome() const {
+    MutexLock lock(budget_->mutex_);
+    return budget_->turns_.front() == this;
+  }
+
+ private:
+  TreeBudget* const budget_;
+};
 
 absl::StatusOr<std::shared_ptr<TreeBudget::Reservation>> TreeBudget::Reserve(uint64_t bytes, absl::string_view what,
                                                                              const std::function<bool()>& cancelled) {
@@ -65,12 +100,16 @@ absl::StatusOr<std::shared_ptr<TreeBudget::Reservation>> TreeBudget::Reserve(uin
                                                      " bytes while its tree is built, more than the limit of ", limit_,
                                                      " bytes (--tree-bytes)"));
   }
-  MutexLock turn(turn_mutex_);
-  while (!TryTake(bytes)) {
+  std::shared_ptr<Reservation> reservation = Empty();
+  const Turn turn(this);
+  for (;;) {
+    if (!turn.HasCome()) {
+      AwaitChange();
+    } else if (GrowOrWait(*reservation, bytes)) {
+      return reservation;
+    }
     if (cancelled()) return absl::CancelledError("cancelled while it waited for memory");
-    if (!evict_()) AwaitChange();
   }
-  return std::make_shared<Reservation>(shared_from_this(), bytes);
 }
 
 uint64_t TreeBudget::used() const {
@@ -78,31 +117,38 @@ uint64_t TreeBudget::used() const {
   return used_;
 }
 
-bool TreeBudget::TryTake(uint64_t bytes) {
+bool TreeBudget::TryGrow(Reservation& reservation, uint64_t bytes) {
   MutexLock lock(mutex_);
-  if (used_ > limit_ || bytes > limit_ - used_) return false;
-  used_ += bytes;
+  if (bytes <= reservation.bytes_) return true;
+  const uint64_t more = bytes - reservation.bytes_;
+  if (used_ > limit_ || more > limit_ - used_) return false;
+  used_ += more;
+  reservation.bytes_ = bytes;
   return true;
 }
 
-void TreeBudget::Take(uint64_t bytes) {
-  MutexLock lock(mutex_);
-  used_ += bytes;
+bool TreeBudget::GrowOrWait(Reservation& reservation, uint64_t bytes) {
+  if (TryGrow(reservation, bytes)) return true;
+  const uint64_t missing = Missing(bytes - reservation.bytes());
+  if (missing != 0 && make_room_(missing)) return TryGrow(reservation, bytes);
+  AwaitChange();
+  return false;
 }
 
-void TreeBudget::GiveBack(uint64_t bytes) {
-  if (IsTimeToTrim(bytes)) malloc_trim(0);
+uint64_t TreeBudget::Missing(uint64_t bytes) const {
   MutexLock lock(mutex_);
-  used_ -= bytes;
-  changed_.notify_all();
+  const uint64_t wanted = used_ - retired_ + bytes;
+  return wanted - std::min(wanted, limit_);
 }
 
-bool TreeBudget::IsTimeToTrim(uint64_t freed) {
-  MutexLock lock(mutex_);
-  freed_ += freed;
-  if (freed_ < kTrimBytes) return false;
-  freed_ = 0;
-  return true;
+void TreeBudget::TrimAfter(uint64_t freed) {
+  {
+    MutexLock lock(mutex_);
+    freed_ += freed;
+    if (freed_ < kTrimBytes) return;
+    freed_ = 0;
+  }
+  malloc_trim(0);
 }
 
 void TreeBudget::AwaitChange() {

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
+#include <future>
 #include <string>
 #include <thread>
 
@@ -113,6 +115,64 @@ TEST_F(TreeBytesTest, TreesInUseCountUntilTheirBatchesEnd) {
   EXPECT_EQ(HitStrip(in_use[0], 0).t, 1);
   in_use.clear();
   EXPECT_TRUE(waits.get().ok());
+}
+
+TEST_F(TreeBytesTest, NoMoreTreesAreDroppedThanItTakes) {
+  MeshStore::Options options = Options();
+  options.tree_bytes = 6'500'000;
+  store_.reset();
+  store_ = OpenStore(directory_.path(), options);
+  std::vector<std::string> ids;
+  std::vector<MeshStore::Answer> in_use;
+  for (int i = 0; i < 5; ++i) {
+    ids.push_back(Upload(i));
+    in_use.push_back(*AwaitTree(*store_, ids.back()));
+  }
+  const auto put = Put(*store_, StripObj(5, kSquares));
+  auto waits = FutureTree(*store_, put->info.id, true);
+  EXPECT_EQ(waits.wait_for(std::chrono::milliseconds(200)), std::future_status::timeout);
+  EXPECT_EQ(State(ids[0]), MeshState::kStored);
+  EXPECT_EQ(std::count_if(ids.begin(), ids.end(), [&](const auto& id) { return State(id) == MeshState::kReady; }), 4);
+  in_use.clear();
+  EXPECT_TRUE(waits.get().ok());
+}
+
+TEST_F(TreeBytesTest, TreesAreNotDroppedForRoomThatTheyDoNotMake) {
+  Gate gate;
+  MeshStore::Options options = Options();
+  options.tree_bytes = 6'500'000;
+  options.concurrent_builds = 2;
+  options.on_delta_leaf = [&] { gate.Pass(); };
+  store_.reset();
+  store_ = OpenStore(directory_.path(), options);
+  const std::string ready = Upload(1);
+  gate.Close();
+  const auto building = Put(*store_, StripObj(2, kSquares));
+  ASSERT_TRUE(AwaitTree(*store_, building->info.id, false).ok());
+  auto waits = FutureTree(*store_, Put(*store_, StripObj(3, kSquares))->info.id, true);
+  EXPECT_EQ(waits.wait_for(std::chrono::milliseconds(200)), std::future_status::timeout);
+  EXPECT_EQ(State(ready), MeshState::kReady);
+  gate.Open();
+  EXPECT_TRUE(waits.get().ok());
+}
+
+TEST_F(TreeBytesTest, ABuildThatIsCancelledWhileItWaitsTellsForHowLong) {
+  std::promise<EndedBuild> ended;
+  MeshStore::Options options = Options();
+  options.on_build_end = [&](const EndedBuild& build) {
+    if (!build.status.ok()) ended.set_value(build);
+  };
+  store_.reset();
+  store_ = OpenStore(directory_.path(), options);
+  std::vector<MeshStore::Answer> in_use;
+  for (int i = 0; i < 2; ++i) in_use.push_back(*AwaitTree(*store_, Upload(i)));
+  const auto put = Put(*store_, StripObj(2, kSquares));
+  while (store_->Watch(put->info.id)->progress.phase == BuildPhase::kQueued) std::this_thread::yield();
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_TRUE(store_->Delete(put->info.id).ok());
+  const EndedBuild build = ended.get_future().get();
+  EXPECT_EQ(build.status.code(), absl::StatusCode::kCancelled);
+  EXPECT_GE(build.seconds, 0.05);
 }
 
 TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {

@@ -17,9 +17,12 @@ namespace {
 using ::testing::HasSubstr;
 
 constexpr auto kNever = [] { return false; };
+constexpr auto kNoRoom = [](uint64_t) { return false; };
+
+using Reservations = std::vector<std::shared_ptr<TreeBudget::Reservation>>;
 
 TEST(TreeBudgetTest, WhatIsReservedIsGivenBack) {
-  const auto budget = std::make_shared<TreeBudget>(100, kNever);
+  const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
   {
     auto a = *budget->Reserve(60, "a", kNever);
     EXPECT_EQ(budget->used(), 60u);
@@ -36,7 +39,7 @@ TEST(TreeBudgetTest, WhatIsReservedIsGivenBack) {
 }
 
 TEST(TreeBudgetTest, WhatCanNeverFitIsRefusedAtOnce) {
-  const auto budget = std::make_shared<TreeBudget>(100, kNever);
+  const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
   const absl::Status status = budget->Reserve(101, "the mesh", kNever).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(status.ToString(), HasSubstr("the mesh takes up to 101 bytes"));
@@ -45,10 +48,10 @@ TEST(TreeBudgetTest, WhatCanNeverFitIsRefusedAtOnce) {
 }
 
 TEST(TreeBudgetTest, OthersMakeRoom) {
-  std::vector<std::shared_ptr<TreeBudget::Reservation>> trees;
-  const auto budget = std::make_shared<TreeBudget>(100, [&] {
-    if (trees.empty()) return false;
-    trees.erase(trees.begin());
+  Reservations trees;
+  const auto budget = std::make_shared<TreeBudget>(100, [&](uint64_t bytes) {
+    EXPECT_EQ(bytes, 60u);
+    trees.resize(1);
     return true;
   });
   for (int i = 0; i < 4; ++i) trees.push_back(*budget->Reserve(25, "a", kNever));
@@ -59,7 +62,7 @@ TEST(TreeBudgetTest, OthersMakeRoom) {
 }
 
 TEST(TreeBudgetTest, WhoFindsNoRoomWaitsUntilThereIsSomeOrItIsCancelled) {
-  const auto budget = std::make_shared<TreeBudget>(100, kNever);
+  const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
   auto a = *budget->Reserve(60, "a", kNever);
   std::atomic<bool> cancelled{false};
   auto waits =
@@ -72,8 +75,41 @@ TEST(TreeBudgetTest, WhoFindsNoRoomWaitsUntilThereIsSomeOrItIsCancelled) {
   EXPECT_TRUE(waits.get().ok());
 }
 
+TEST(TreeBudgetTest, WhatWasDroppedIsWaitedForBeforeMoreIsDropped) {
+  Reservations in_use;
+  std::atomic<int> dropped{0};
+  const auto budget = std::make_shared<TreeBudget>(100, [&](uint64_t bytes) {
+    EXPECT_EQ(bytes, 20u);
+    in_use[dropped++]->Retire();
+    return true;
+  });
+  for (int i = 0; i < 4; ++i) in_use.push_back(*budget->Reserve(25, "a", kNever));
+  auto waits = std::async(std::launch::async, [&] { return budget->Reserve(20, "b", kNever); });
+  EXPECT_EQ(waits.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  EXPECT_EQ(dropped, 1);
+  in_use[0].reset();
+  EXPECT_TRUE(waits.get().ok());
+  EXPECT_EQ(dropped, 1);
+}
+
+TEST(TreeBudgetTest, WhoIsCancelledNeedNotWaitForItsTurn) {
+  const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
+  auto a = *budget->Reserve(60, "a", kNever);
+  auto first = std::async(std::launch::async, [&] { return budget->Reserve(90, "b", kNever); });
+  EXPECT_EQ(first.wait_for(std::chrono::milliseconds(50)), std::future_status::timeout);
+  // There is room for this one, but the first one has waited for longer.
+  std::atomic<bool> cancelled{false};
+  auto second =
+      std::async(std::launch::async, [&] { return budget->Reserve(10, "c", [&] { return cancelled.load(); }); });
+  EXPECT_EQ(second.wait_for(std::chrono::milliseconds(50)), std::future_status::timeout);
+  cancelled = true;
+  EXPECT_EQ(second.get().status().code(), absl::StatusCode::kCancelled);
+  a.reset();
+  EXPECT_TRUE(first.get().ok());
+}
+
 TEST(TreeBudgetTest, MoreThanWasReservedIsCountedToo) {
-  const auto budget = std::make_shared<TreeBudget>(100, kNever);
+  const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
   auto a = *budget->Reserve(60, "a", kNever);
   const auto b = a->Split(120);
   EXPECT_EQ(budget->used(), 120u);
