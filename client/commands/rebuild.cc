@@ -42,7 +42,8 @@ void AddRebuildCommand(CLI::App& app, CommandRun& run) {
   AddBuildFlags(command, [options]() -> v1::BuildOptions& { return *options->request.mutable_build_options(); });
   command.add_flag("--wait", options->wait, "Wait until the tree is built");
   command.footer(
-      "Options that are not given take the preset's value, not that of the build before.\n"
+      "Without options the tree is built as before. Where there are some, those that are not given take the preset's\n"
+      "value, not that of the build before.\n"
       "Examples:\n"
       "  deltaray rebuild bunny --preset best --wait\n"
       "  deltaray rebuild bunny --builder tang2015 --delta 64 --alpha 0.6");

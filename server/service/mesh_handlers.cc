@@ -109,7 +109,14 @@ grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*
   return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
       calls_, {"MeshService/RebuildMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
       [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
-        absl::StatusOr<Config> config = ReadBuildOptions(rebuild.build_options());
+        absl::StatusOr<Config> config;
+        if (rebuild.has_build_options()) {
+          config = ReadBuildOptions(rebuild.build_options());
+        } else if (absl::StatusOr<MeshInfo> info = store->Get(rebuild.mesh()); info.ok()) {
+          config = info->config;
+        } else {
+          config = info.status();
+        }
         if (!config.ok()) return config.status();
         absl::StatusOr<MeshInfo> info = store->Rebuild(rebuild.mesh(), *config);
         if (!info.ok()) return info.status();

@@ -248,6 +248,8 @@ TEST_F(CommandsTest, RebuildSendsOptions) {
   EXPECT_EQ(server_.mesh_service.last_rebuild.mesh(), "cube");
   EXPECT_EQ(server_.mesh_service.last_rebuild.build_options().builder(), v1::TREE_BUILDER_TANG2015);
   EXPECT_EQ(server_.mesh_service.last_rebuild.build_options().traversal_cost(), 2);
+  EXPECT_EQ(session_.Run({"rebuild", "cube"}), 0);
+  EXPECT_FALSE(server_.mesh_service.last_rebuild.has_build_options());
 }
 
 TEST_F(CommandsTest, CastReadsCsvFromStandardInput) {

@@ -273,7 +273,7 @@ TEST_F(MeshHandlersTest, TellsWhatAutoChose) {
 TEST_F(MeshHandlersTest, RebuildsWithOtherOptions) {
   Start();
   UploadSquares(50, 0, "squares");
-  grpc::ClientContext contexts[3];
+  grpc::ClientContext contexts[5];
   v1::RebuildMeshRequest request;
   request.set_mesh("squares");
   request.mutable_build_options()->set_builder(v1::TREE_BUILDER_BVH);
@@ -290,8 +290,17 @@ TEST_F(MeshHandlersTest, RebuildsWithOtherOptions) {
   ASSERT_TRUE(meshes_->GetBuildStats(&contexts[1], stats, &got).ok());
   EXPECT_EQ(got.stats().options().builder(), v1::TREE_BUILDER_BVH);
 
+  // Without options as before.
+  request.clear_build_options();
+  ASSERT_TRUE(meshes_->RebuildMesh(&contexts[2], request, &response).ok());
+  EXPECT_EQ(response.mesh().build_options().builder(), v1::TREE_BUILDER_BVH);
+  // With some, the others take their defaults.
+  request.mutable_build_options()->set_delta(7);
+  ASSERT_TRUE(meshes_->RebuildMesh(&contexts[3], request, &response).ok());
+  EXPECT_EQ(response.mesh().build_options().builder(), v1::TREE_BUILDER_HYBRID);
+
   request.mutable_build_options()->set_traversal_cost(-1);
-  EXPECT_THAT(meshes_->RebuildMesh(&contexts[2], request, &response).error_message(),
+  EXPECT_THAT(meshes_->RebuildMesh(&contexts[4], request, &response).error_message(),
               HasSubstr("build_options.traversal_cost"));
 }
 
