@@ -39,10 +39,10 @@ const BvhArrays* DeltaLeafTasks::built(uint32_t delta_leaf) const {
 void DeltaLeafTasks::Build(uint32_t delta_leaf) {
   DeltaLeaf& task = delta_leaves_[delta_leaf];
   if (task.begun.exchange(true, std::memory_order_relaxed)) return;
-  if (on_delta_leaf_) on_delta_leaf_();
-  if (context_->cancelled()) return;
   std::unique_ptr<const BvhArrays> subtree;
   try {
+    if (on_delta_leaf_) on_delta_leaf_();
+    if (context_->cancelled()) return;
     subtree = std::make_unique<const BvhArrays>(build_one_(references(delta_leaf), top_.nodes[0].bounds));
   } catch (...) {
     // For want of memory: of a lazy tree, the next ray that comes here tries again.

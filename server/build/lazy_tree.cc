@@ -8,7 +8,6 @@
 
 #include "server/build/layout.h"
 #include "server/build/wide_layout.h"
-#include "server/tree/leaf_recorder.h"
 #include "server/tree/wide_node.h"
 
 namespace deltaray {
@@ -57,7 +56,7 @@ void LazyTree::Answer(const Query& query) const {
   if (version->tasks == nullptr) return query(version->tree);
   const bool is_behind = context_->delta_leaves_built.load(std::memory_order_relaxed) > version->delta_leaves;
   const Clock::time_point start = is_behind ? Clock::now() : Clock::time_point();
-  std::vector<uint32_t> reached;
+  std::vector<LeafRecorder::Leaf> reached;
   {
     LeafRecorder recorder(version->tree.arrays(), version->labels);
     query(version->tree);
@@ -68,14 +67,17 @@ void LazyTree::Answer(const Query& query) const {
     const int64_t sum = nanoseconds_traced_.fetch_add(time, std::memory_order_relaxed) + time;
     if (sum >= kTracingPerLayout * version->layout_time.count()) LayOutAnew(*version);
   }
-  if (!reached.empty()) BuildReached(*version->tasks, reached);
+  if (!reached.empty()) BuildReached(*version, reached);
 }
 
-void LazyTree::BuildReached(DeltaLeafTasks& tasks, std::span<const uint32_t> delta_leaves) const {
+void LazyTree::BuildReached(const Version& version, std::span<const LeafRecorder::Leaf> reached) const {
   const BuildContext::CpuTime time(*context_, BuildPhase::kDeltaLeaves);
+  DeltaLeafTasks& tasks = *version.tasks;
+  size_t done = 0;
   try {
-    for (uint32_t delta_leaf : delta_leaves) {
+    for (; done < reached.size(); ++done) {
       // A leaf of the tree may hold several small ones, which follow each other.
+      uint32_t delta_leaf = reached[done].label;
       size_t references = 0;
       do {
         references += tasks.references(delta_leaf).size();
@@ -83,7 +85,10 @@ void LazyTree::BuildReached(DeltaLeafTasks& tasks, std::span<const uint32_t> del
       } while (delta_leaf < tasks.count() && references + tasks.references(delta_leaf).size() <= kMaxLeafTriangles);
     }
   } catch (const std::exception&) {
-    // The rest stay groups, which answer as well.
+    // The rest stay groups, which answer as well, until the next rays that come to them.
+    for (; done < reached.size(); ++done) {
+      version.labels[reached[done].unit].store(reached[done].label, std::memory_order_relaxed);
+    }
   }
 }
 

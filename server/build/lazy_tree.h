@@ -14,6 +14,7 @@
 #include "server/build/build_context.h"
 #include "server/build/delta_leaf_tasks.h"
 #include "server/geometry/triangles.h"
+#include "server/tree/leaf_recorder.h"
 #include "server/tree/simd_target.h"
 #include "server/tree/tree.h"
 #include "server/tree/wide_tree.h"
@@ -53,6 +54,7 @@ class LazyTree final : public Tree {
                std::span<uint32_t> counts) const override;
   void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override;
   AccuracyLevel answered_accuracy(AccuracyLevel level) const override { return level; }
+  bool is_growing() const override { return version_.load()->tasks != nullptr; }
   // Of the version that stands.
   TreeShape Shape() const override;
 
@@ -61,7 +63,7 @@ class LazyTree final : public Tree {
 
   template <typename Query>
   void Answer(const Query& query) const;
-  void BuildReached(DeltaLeafTasks& tasks, std::span<const uint32_t> delta_leaves) const;
+  void BuildReached(const Version& version, std::span<const LeafRecorder::Leaf> reached) const;
   void LayOutAnew(const Version& version) const;
   // Returns the version that stood. Not inlined, so that tests/sanitizers/tsan.supp can name it.
   [[gnu::noinline]] std::shared_ptr<const Version> Replace(std::shared_ptr<const Version> version) const;

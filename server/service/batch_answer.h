@@ -26,7 +26,8 @@ struct BatchAnswer {
   uint64_t hit_count = 0;  // rays that hit; of ALL_HITS and COUNT_HITS the hits in all
 };
 
-// Whether a batch, in a message of `bytes`, is so small that it may be answered within a reaction of gRPC. All others
+// Whether a batch, in a message of `bytes`, is so small that it may be answered within a reaction of gRPC, where the
+// tree is not growing. All others
 // must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
 bool IsSmall(const BatchQuery& query, size_t bytes);
 

@@ -9,11 +9,10 @@
 namespace deltaray {
 namespace {
 
-void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
+// `on_tracer`: not on a thread of gRPC.
+void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree, bool on_tracer) {
   BatchJob::Answer answer;
-  // Between two pieces, batches that take less long get their turn; not on threads of gRPC, where small ones are
-  // traced.
-  const bool on_tracer = !IsSmall(job.query, job.rays.rays.size);
+  // Between two pieces, batches that take less long get their turn.
   const std::function<bool()> cancelled = [&] {
     if (on_tracer) backend.tracer->RunShort();
     return job.cancelled();
@@ -44,10 +43,14 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
                         caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
     if (!tree.ok() || (std::this_thread::get_id() == caller && !*returned)) {
       use(std::move(tree));
-    } else {
-      // A thread of a build, which must not be held up.
-      backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree); });
+      return;
     }
+    // A thread of a build, which must not be held up, nor get exceptions.
+    const absl::Status status = CatchExceptions([&] {
+      backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree); });
+      return absl::OkStatus();
+    });
+    if (!status.ok()) use(status);
   };
   const absl::Status status = CatchExceptions([&] {
     backend.store->WithTree(mesh, wait_final, on_tree, std::move(cancelled));
@@ -60,10 +63,13 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   const auto cancelled = [job] { return job->cancelled(); };
   UseTree(backend, job->mesh, job->query.wait_final, cancelled, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
-    if (tree.ok()) {
-      Trace(backend, *job, *tree);
-    } else {
+    const bool is_small = IsSmall(job->query, job->rays.rays.size);
+    if (!tree.ok()) {
       job->done(tree.status());
+    } else if (is_small && tree->snapshot->tree->is_growing()) {
+      backend.tracer->Enqueue([backend, job, tree = *std::move(tree)] { Trace(backend, *job, tree, true); });
+    } else {
+      Trace(backend, *job, *tree, !is_small);
     }
   });
 }

@@ -95,7 +95,7 @@ absl::Status BuildRun::LoadAndBuild(const LoadMesh& load, Build::Options options
   on_provisional();
   if (absl::Status status = build->WaitDone(); !status.ok()) return status;
   // A lazy tree grows until all of it is built, unnoticed.
-  if (!build->progress().lazy) HoldTree(provisional_bytes);
+  if (!build->snapshot()->tree->is_growing()) HoldTree(provisional_bytes);
   return absl::OkStatus();
 }
 

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <new>
 #include <span>
 #include <utility>
 #include <vector>
@@ -19,6 +20,11 @@ namespace deltaray {
 class LeafRecorder {
  public:
   static constexpr uint32_t kNoLabel = UINT32_MAX;
+  struct Leaf {
+    size_t unit;  // of the tree's block, where it begins
+    uint32_t label;
+    bool operator==(const Leaf&) const = default;
+  };
 
   // `labels`: by unit of the tree's block, of the leaf that begins there. A label that is recorded is taken away. Both
   // must outlive the recorder. REQUIRES: the thread has no other one.
@@ -33,16 +39,22 @@ class LeafRecorder {
   // This thread's; nullptr: nothing is to be recorded.
   static LeafRecorder* current() { return current_; }
 
-  // `leaf`: where it begins. Throws std::bad_alloc.
+  // `leaf`: where it begins. Without memory it keeps its label.
   void Record(const void* leaf) {
-    std::atomic<uint32_t>& label = labels_[static_cast<size_t>(static_cast<const std::byte*>(leaf) - base_) / unit_];
+    const size_t unit = static_cast<size_t>(static_cast<const std::byte*>(leaf) - base_) / unit_;
+    std::atomic<uint32_t>& label = labels_[unit];
     if (label.load(std::memory_order_relaxed) == kNoLabel) return;
     const uint32_t taken = label.exchange(kNoLabel, std::memory_order_relaxed);
-    if (taken != kNoLabel) recorded_.push_back(taken);
+    if (taken == kNoLabel) return;
+    try {
+      recorded_.push_back({unit, taken});
+    } catch (const std::bad_alloc&) {
+      label.store(taken, std::memory_order_relaxed);
+    }
   }
 
-  // The labels recorded so far.
-  std::vector<uint32_t> Take() { return std::exchange(recorded_, {}); }
+  // The leaves recorded so far.
+  std::vector<Leaf> Take() { return std::exchange(recorded_, {}); }
 
  private:
   static inline thread_local constinit LeafRecorder* current_ = nullptr;
@@ -50,7 +62,7 @@ class LeafRecorder {
   const std::byte* const base_;
   const size_t unit_;
   const std::span<std::atomic<uint32_t>> labels_;
-  std::vector<uint32_t> recorded_;
+  std::vector<Leaf> recorded_;
 };
 
 }  // namespace deltaray

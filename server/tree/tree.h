@@ -76,6 +76,9 @@ class Tree {
   // CountHits are always exact.
   virtual AccuracyLevel answered_accuracy(AccuracyLevel level) const = 0;
 
+  // Whether a query, of however few rays, may take long because it builds more of the tree.
+  virtual bool is_growing() const { return false; }
+
   // For a lazy tree, of what rays go through now.
   virtual TreeShape Shape() const = 0;
 };

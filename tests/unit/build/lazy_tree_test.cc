@@ -1,7 +1,9 @@
 #include "server/build/lazy_tree.h"
 
 #include <chrono>
+#include <functional>
 #include <memory>
+#include <new>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -19,7 +21,8 @@ namespace {
 
 // A lazy tree over a terrain, as a build makes it.
 struct Lazy {
-  explicit Lazy(SimdTarget target, uint32_t delta = 32) : mesh(Terrain(40, 40)) {
+  explicit Lazy(SimdTarget target, uint32_t delta = 32, std::function<void()> on_delta_leaf = nullptr)
+      : mesh(Terrain(40, 40)) {
     Config config;
     config.delta = delta;
     absl::StatusOr<ReferenceArray> references = MakeReferences(mesh.triangles(), config.duplication_budget, *context);
@@ -29,7 +32,7 @@ struct Lazy {
         [config, context = context.get()](std::span<const Reference> delta_leaf, const Bounds& all) {
           return BuildDeltaLeaf(delta_leaf, all, config, *context);
         },
-        nullptr, context);
+        on_delta_leaf, context);
     delta_leaves = tasks->count();
     tree = std::make_unique<LazyTree>(
         mesh.triangles(), *LazyTree::LayOutVersion(mesh.triangles(), tasks, target, *context), target, context);
@@ -79,6 +82,32 @@ TEST_P(LazyTreeTest, EveryQueryBuildsWhatItReaches) {
     query(*lazy.tree);
     EXPECT_GT(lazy.built(), 0u);
     EXPECT_LT(lazy.built(), lazy.delta_leaves / 4);
+  }
+}
+
+TEST_P(LazyTreeTest, WhatFoundNoMemoryIsBuiltByLaterRays) {
+  int failures = 0;
+  // The first two and every third one, δ-leaves of one reference being several to a leaf of the tree.
+  const auto on_delta_leaf = [&, n = 0]() mutable {
+    if (n++ < 2 || n % 3 == 0) {
+      ++failures;
+      throw std::bad_alloc();
+    }
+  };
+  for (const uint32_t delta : {1, 32}) {
+    SCOPED_TRACE(delta);
+    failures = 0;
+    const Lazy lazy(GetParam(), delta, on_delta_leaf);
+    const std::vector<Ray> rays = RaysAtAll(lazy.mesh);
+    std::vector<Hit> expected(rays.size()), hits(rays.size());
+    BruteForce(lazy.mesh.triangles()).ClosestHits(rays, {}, expected);
+    for (int pass = 0; pass < 10'000 && lazy.tree->is_growing(); ++pass) {
+      lazy.tree->ClosestHits(rays, {}, hits);
+      ASSERT_EQ(hits, expected);
+    }
+    EXPECT_FALSE(lazy.tree->is_growing());
+    EXPECT_EQ(lazy.built(), lazy.delta_leaves);
+    EXPECT_GT(failures, 2);
   }
 }
 

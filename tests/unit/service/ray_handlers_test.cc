@@ -8,6 +8,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "oneapi/tbb/task_arena.h"
 #include "server/service/stream_call.h"
 #include "tests/unit/service/meshes.h"
 #include "tests/unit/service/running_server.h"
@@ -376,6 +377,29 @@ TEST_F(RayHandlersTest, AStreamStaysWithItsMeshWhenTheNameMoves) {
   EXPECT_FALSE(stream->Read(&response));
   EXPECT_EQ(stream->Finish().error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(TrailingBatches(context), "2");
+}
+
+TEST_F(RayHandlersTest, ASmallBatchThatMayBuildIsNoReactionOfGrpc) {
+  std::atomic<bool> by_the_tracer{false};
+  HookedStore::Hooks hooks;
+  hooks.on_query = [&](size_t) {
+    by_the_tracer = tbb::this_task_arena::current_thread_index() != tbb::task_arena::not_initialized;
+  };
+  Start(hooks);
+  for (const bool lazy : {false, true}) {
+    v1::UploadHeader header;
+    header.mutable_build_options()->set_lazy(lazy);
+    v1::UploadMeshResponse uploaded;
+    ASSERT_TRUE(Upload(SquaresObj(200, lazy ? 1 : 0), header, &uploaded).ok());
+    v1::CastRaysRequest request;
+    request.set_mesh(uploaded.mesh().id());
+    request.mutable_query()->set_wait(v1::BUILD_WAIT_FINAL);
+    request.mutable_rays()->set_rays(Downwards(1));
+    v1::CastRaysResponse response;
+    // The first one may wait for the build.
+    for (int i = 0; i < 2; ++i) ASSERT_TRUE(Cast(request, &response).ok());
+    EXPECT_EQ(by_the_tracer, lazy);
+  }
 }
 
 TEST_F(RayHandlersTest, ABatchUnderWayOutlivesItsMesh) {

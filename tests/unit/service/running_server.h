@@ -49,6 +49,7 @@ class HookedTree final : public Tree {
     inner_->tree->CountHits(rays, options, counts);
   }
   AccuracyLevel answered_accuracy(AccuracyLevel level) const override { return inner_->tree->answered_accuracy(level); }
+  bool is_growing() const override { return inner_->tree->is_growing(); }
   TreeShape Shape() const override { return inner_->tree->Shape(); }
 
  private:

@@ -14,6 +14,7 @@ namespace deltaray {
 namespace {
 
 using testing::ElementsAre;
+using testing::Field;
 using testing::IsEmpty;
 
 class LeafRecorderTest : public testing::TestWithParam<SimdTarget> {};
@@ -82,7 +83,7 @@ TEST_P(LeafRecorderTest, EveryQueryRecordsTheLeavesThatItTestsOnce) {
     std::vector<std::atomic<uint32_t>> labels = make_labels();
     LeafRecorder recorder(tree.arrays(), labels);
     query(rays);
-    EXPECT_THAT(recorder.Take(), ElementsAre(label_of(40)));
+    EXPECT_THAT(recorder.Take(), ElementsAre(Field(&LeafRecorder::Leaf::label, label_of(40))));
     query(rays);
     query(unlabelled);
     EXPECT_THAT(recorder.Take(), IsEmpty());
