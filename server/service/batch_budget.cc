@@ -117,7 +117,7 @@ void BatchBudget::Tick(steady_clock::time_point now) {
 
 void BatchBudget::TakeBackReplies(steady_clock::time_point now) {
   uint64_t lost = 0;
-  while (!replies_.empty() && used_ - lost + Oldest()->wanted_ > limit_) {
+  while (!replies_.empty() && used_ - lost + Oldest()->wanted_ - Oldest()->bytes_ > limit_) {
     Share& slowest = **std::min_element(replies_.begin(), replies_.end(),
                                         [](const Share* a, const Share* b) { return a->since_ < b->since_; });
     if (now - slowest.since_ < kStall) return;

@@ -92,10 +92,10 @@ class GrpcServer final : public Server {
       : options_(options),
         security_(std::move(security)),
         metrics_(std::move(metrics)),
+        tracer_(options.threads),
         batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
         call_limits_(options.calls),
         calls_(Watchers(), options.idle_timeout),
-        tracer_(options.threads),
         store_(std::move(store)),
         disk_(kDiskThreads),
         commits_(kCommitThreads),
@@ -211,13 +211,13 @@ class GrpcServer final : public Server {
   const ServerOptions options_;
   const Security security_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
+  // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
+  // whose builds hand answers to the tracer, as the budget's thread does with batches.
+  Tracer tracer_;
   BatchBudget batch_budget_;
   CallLog call_log_;
   CallLimits call_limits_;
   Calls calls_;
-  // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
-  // whose builds hand answers to the tracer.
-  Tracer tracer_;
   const std::unique_ptr<MeshStore> store_;
   std::unique_ptr<MetricsPage> metrics_page_;
   WorkerPool disk_;

@@ -33,11 +33,12 @@ void StreamCall::OnReadDone(bool ok) {
   {
     MutexLock lock(mutex_);
     reading_ = false;
-    if (ok) {
-      TakeMessage(std::exchange(incoming_, grpc::ByteBuffer()));
-    } else {
-      reads_ended_ = true;
-    }
+    const absl::Status status = CatchExceptions([&] {
+      if (ok) TakeMessage(std::exchange(incoming_, grpc::ByteBuffer()));
+      return absl::OkStatus();
+    });
+    if (!ok) reads_ended_ = true;
+    if (!status.ok()) FinishOnce(status);
     incoming_share_ = nullptr;
     batches = Advance();
   }

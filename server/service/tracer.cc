@@ -23,15 +23,16 @@ Tracer::Tracer(uint32_t threads)
 Tracer::~Tracer() { Stop(); }
 
 void Tracer::Enqueue(std::function<void()> task) {
+  // Held by pointer, so that what the task holds is gone before Stop returns: TBB deletes the lambda some time later.
+  auto held = std::make_shared<std::function<void()>>(std::move(task));
   {
     MutexLock lock(mutex_);
     if (stopped_) return;
     ++tasks_;
   }
-  // Held by pointer, so that what the task holds is gone before Stop returns: TBB deletes the lambda some time later.
-  arena_.enqueue([this, task = std::make_shared<std::function<void()>>(std::move(task))] {
-    (*task)();
-    *task = nullptr;
+  Submit([this, held] {
+    (*held)();
+    *held = nullptr;
     NoteEnd();
   });
 }
@@ -40,15 +41,26 @@ void Tracer::EnqueueShort(std::function<void()> task) {
   {
     MutexLock lock(mutex_);
     if (stopped_) return;
-    // Itself, and what makes sure that it is run where no task takes long.
-    tasks_ += 2;
     short_tasks_.push_back(std::move(task));
     ++short_task_count_;
+    // Itself, and what makes sure that it is run where no task takes long.
+    tasks_ += 2;
   }
-  arena_.enqueue([this] {
+  Submit([this] {
     RunShort();
     NoteEnd();
   });
+}
+
+template <typename Task>
+void Tracer::Submit(Task task) {
+  try {
+    arena_.enqueue(std::move(task));
+  } catch (...) {
+    // For want of memory. Stop must not wait for it.
+    NoteEnd();
+    throw;
+  }
 }
 
 void Tracer::RunShort() {

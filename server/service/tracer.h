@@ -24,6 +24,7 @@ class Tracer {
   ~Tracer();
 
   // Runs `task` soon on a thread of the arena. It must not throw. After Stop nothing is run, and `task` is dropped.
+  // Throws std::bad_alloc: whether it will be run is open then.
   void Enqueue(std::function<void()> task);
 
   // The same for a task that takes a few milliseconds at most: it need not wait for those that take long.
@@ -45,6 +46,8 @@ class Tracer {
   uint32_t threads() const { return threads_; }
 
  private:
+  template <typename Task>
+  void Submit(Task task);
   // One task less.
   void NoteEnd();
 

@@ -27,9 +27,9 @@ absl::Status BuildQueue::Push(uint64_t number, std::function<void()> job, uint64
   return HasRoom();
 }
 
-absl::Status BuildQueue::CheckRoom() {
+absl::Status BuildQueue::CheckRoom(uint64_t replaced) const {
   MutexLock lock(mutex_);
-  return HasRoom();
+  return Find(replaced) != jobs_.end() ? absl::OkStatus() : HasRoom();
 }
 
 absl::Status BuildQueue::HasRoom() const {
@@ -44,10 +44,14 @@ void BuildQueue::Remove(uint64_t number) {
   Take(number, &dropped);
 }
 
+std::deque<BuildQueue::Job>::const_iterator BuildQueue::Find(uint64_t number) const {
+  return std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& job) { return job.number == number; });
+}
+
 bool BuildQueue::Take(uint64_t number, Job* taken) {
-  const auto job = std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& job) { return job.number == number; });
+  const auto job = Find(number);
   if (job == jobs_.end()) return false;
-  *taken = std::move(*job);
+  *taken = *job;
   jobs_.erase(job);
   return true;
 }

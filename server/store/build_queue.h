@@ -41,7 +41,7 @@ class BuildQueue {
   // job that comes after Stop is dropped.
   absl::Status Push(uint64_t number, std::function<void()> job, uint64_t replaced);
   // Whether Push has room.
-  absl::Status CheckRoom();
+  absl::Status CheckRoom(uint64_t replaced) const;
   // Drops a job that has not begun.
   void Remove(uint64_t number);
   // Drops the jobs that have not begun and waits for the others.
@@ -54,6 +54,7 @@ class BuildQueue {
   };
 
   void Work();
+  std::deque<Job>::const_iterator Find(uint64_t number) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Takes a job out that has not begun.
   bool Take(uint64_t number, Job* taken) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status HasRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

@@ -65,6 +65,11 @@ absl::Status MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
   return absl::OkStatus();
 }
 
+absl::Status MeshEntry::CheckRebuild() const {
+  MutexLock lock(mutex_);
+  return queue_->CheckRoom(current_ ? current_->number() : 0);
+}
+
 void MeshEntry::SetConfig(const Config& config) {
   std::shared_ptr<BuildRun> old;
   {

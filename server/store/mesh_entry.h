@@ -54,6 +54,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   // Cancels the build under way and starts another one. `loaded` as above. RESOURCE_EXHAUSTED where the queue is full:
   // the config is for later builds then.
   absl::Status Rebuild(const Config& config, LoadedMesh loaded);
+  // Whether Rebuild has room in the queue.
+  absl::Status CheckRebuild() const;
   // Takes over the config that another server gave the mesh: where it differs, a tree or build of the old one is
   // replaced by a build of the new one.
   void SetConfig(const Config& config);

@@ -105,7 +105,8 @@ Store::Store(Options options, DataDirectory directory, DataDirectory::Changes co
       queue_(options_.concurrent_builds, options_.max_queued_builds,
              {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf},
              options_.on_build_end),
-      tree_budget_(std::make_shared<TreeBudget>(options_.tree_bytes, [this](uint64_t bytes) { return MakeRoom(bytes); })),
+      tree_budget_(
+          std::make_shared<TreeBudget>(options_.tree_bytes, [this](uint64_t bytes) { return MakeRoom(bytes); })),
       disk_budget_(options_.max_stored_bytes, [this] { return directory_.catalog().totals().stored_bytes; }),
       directory_(std::move(directory), std::move(contents), options_.follow_interval,
                  [this](MeshInfo info) { return MakeEntry(std::move(info)); }) {}
@@ -341,7 +342,7 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
   MutexLock disk_lock(directory_.mutex());
   const absl::StatusOr<EntryPointer> entry = directory_.ReadTarget(mesh, &dropped);
   if (!entry.ok()) return entry.status();
-  if (absl::Status status = queue_.CheckRoom(); !status.ok()) return status;
+  if (absl::Status status = (*entry)->CheckRebuild(); !status.ok()) return status;
   absl::StatusOr<TemporaryFile> file = directory_.files().Prepare(EncodeConfig(config));
   if (!file.ok()) return file.status();
   if (absl::Status status = file->MoveTo(directory_.files().ConfigPath((*entry)->id())); !status.ok()) return status;

@@ -169,9 +169,9 @@ class MeshStore {
   };
   // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
   // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
-  // thread, or later, on another; it must not block. Where the build failed: DATA_LOSS for a damaged file,
-  // RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION. `cancelled` tells, on any thread,
-  // that nobody wants the tree any more: ForgetCancelled then lets go of the callback, which is not called.
+  // thread, or later, on another; it must neither block nor throw. Where the build failed: DATA_LOSS for a damaged
+  // file, RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION. `cancelled` tells, on any
+  // thread, that nobody wants the tree any more: ForgetCancelled then lets go of the callback, which is not called.
   virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                         std::function<bool()> cancelled = nullptr) = 0;
 

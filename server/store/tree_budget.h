@@ -51,8 +51,8 @@ class TreeBudget : public std::enable_shared_from_this<TreeBudget> {
 
   // `make_room(bytes)` drops trees, and geometry, that were not used for longest, until `bytes` in all come back, and
   // retires their reservations. Where all that it can drop has less, it drops nothing: what is in the way is being
-  // built, and to drop trees for it would help nobody. Returns whether it has dropped any. It is called by one thread or
-  // more that need room, without a lock of the budget. A budget is held by shared_ptr.
+  // built, and to drop trees for it would help nobody. Returns whether it has dropped any. It is called by one thread
+  // or more that need room, without a lock of the budget. A budget is held by shared_ptr.
   TreeBudget(uint64_t limit, std::function<bool(uint64_t bytes)> make_room)
       : limit_(limit), make_room_(std::move(make_room)) {}
 

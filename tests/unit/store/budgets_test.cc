@@ -239,6 +239,8 @@ TEST(BudgetsTest, BuildsThatWaitAreLimited) {
   ExpectOver(AwaitTree(*store, third->info.id).status(), "limit of 1 builds that wait is met (--max-queued-builds)");
   ExpectOver(store->Watch(third->info.id).status(), "--max-queued-builds");
   ExpectOver(store->Rebuild(building, {}).status(), "--max-queued-builds");
+  // The build that waits is replaced by its mesh's new one.
+  EXPECT_TRUE(store->Rebuild(waiting, {}).ok());
   // A mesh that is deleted leaves the queue.
   EXPECT_TRUE(store->Delete(waiting).ok());
   auto built = FutureTree(*store, third->info.id, true);
