@@ -76,10 +76,7 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(std::string 
 }
 
 ServerProcess::~ServerProcess() {
-  if (process_ > 0) {
-    kill(process_, SIGTERM);
-    waitpid(process_, nullptr, 0);
-  }
+  Kill().IgnoreError();
   std::error_code ignored;
   std::filesystem::remove_all(directory_, ignored);
 }
@@ -88,10 +85,26 @@ void ServerProcess::Signal(int signal) {
   if (process_ > 0) kill(process_, signal);
 }
 
-void ServerProcess::Kill() {
-  Signal(SIGKILL);
-  if (process_ > 0) waitpid(process_, nullptr, 0);
-  process_ = -1;
+absl::Status ServerProcess::Kill() { return End(SIGKILL); }
+
+absl::Status ServerProcess::Stop() { return End(SIGTERM); }
+
+absl::Status ServerProcess::End(int signal) {
+  if (process_ < 0) return absl::OkStatus();
+  const pid_t process = std::exchange(process_, -1);
+  int status = 0;
+  const bool ran = waitpid(process, &status, WNOHANG) == 0;
+  if (ran) {
+    kill(process, signal);
+    waitpid(process, &status, 0);
+  }
+  const bool killed = WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;
+  const bool well = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+  if (ran && (signal == SIGKILL ? killed : well)) return absl::OkStatus();
+  return absl::InternalError(absl::StrCat("the server at ", address_, " ended", ran ? "" : " by itself",
+                                          WIFSIGNALED(status)
+                                              ? absl::StrCat(", by signal ", WTERMSIG(status))
+                                              : absl::StrCat(", with exit code ", WEXITSTATUS(status))));
 }
 
 double ServerProcess::CpuSeconds() const {

@@ -284,6 +284,9 @@ absl::Status RunServiceBench(const ServiceBenchOptions& options) {
     absl::Status status = MeasureScene(*servers, ***connection, scene, options, &lines);
     if (!status.ok()) return status;
   }
+  for (const Served& served : *servers) {
+    if (absl::Status status = served.process->Stop(); !status.ok()) return status;
+  }
   return WriteLines(options.csv, lines.lines());
 }
 

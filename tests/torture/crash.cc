@@ -64,6 +64,9 @@ class CrashTorture {
     }
     if (const absl::Status status = fleet_.Start(); !status.ok()) Fail(status.ToString());
     if (counts_.failures == 0) Verify();
+    if (const absl::Status status = fleet_.Stop(); !status.ok()) Fail(status.ToString());
+    // Where nothing was acknowledged, nothing was lost either.
+    if (counts_.uploads == 0 || counts_.answers == 0) Fail("no upload or no answer was acknowledged");
     std::printf(
         "crash: %d servers, %d rounds, %d kills in %.0f s, seed %llu: %d uploads, %d moves, %d deletes, %d rebuilds "
         "and "
@@ -94,7 +97,7 @@ class CrashTorture {
     int kills = 0;
     for (int i = 0; i < fleet_.size(); ++i) {
       if (i != static_cast<int>(chosen % fleet_.size()) && (chosen >> (8 + i)) % 2 == 0) continue;
-      fleet_.Kill(i);
+      if (const absl::Status status = fleet_.Kill(i); !status.ok()) Fail(status.ToString());
       ++kills;
     }
     stop = true;

@@ -18,8 +18,8 @@ struct CrashOptions {
 
 // Each round, clients upload, name, rebuild, delete and query meshes of their own while some of the servers are killed.
 // After their restart every server must have what was acknowledged, with the right answers; what was not is there as a
-// whole or not at all, for all alike; and no file belongs to nothing. Prints a line of figures. False: something was
-// lost, and is told of.
+// whole or not at all, for all alike; and no file belongs to nothing. No server may end by itself. Prints a line of
+// figures. False: something was lost or a server was, or nothing was acknowledged at all; it is told of.
 bool TortureByCrashes(const CrashOptions& options);
 
 }  // namespace deltaray

@@ -20,9 +20,14 @@ absl::Status Fleet::Start() {
   return absl::OkStatus();
 }
 
-void Fleet::Kill(int server) {
-  servers_[server]->Kill();
-  servers_[server].reset();
+absl::Status Fleet::Kill(int server) { return std::exchange(servers_[server], nullptr)->Kill(); }
+
+absl::Status Fleet::Stop() {
+  absl::Status status;
+  for (auto& server : servers_) {
+    if (server) status.Update(std::exchange(server, nullptr)->Stop());
+  }
+  return status;
 }
 
 std::string Fleet::address(int server) const {

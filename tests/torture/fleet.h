@@ -24,7 +24,10 @@ class Fleet {
   const std::string& data_directory() const { return data_directory_; }
   // Starts those that do not run.
   absl::Status Start();
-  void Kill(int server);
+  // Ends one as a power cut would. Fails where it had ended by itself.
+  absl::Status Kill(int server);
+  // Ends all that run by SIGTERM. Fails where one had ended by itself, or does not end well.
+  absl::Status Stop();
   void Signal(int server, int signal) { servers_[server]->Signal(signal); }
 
   // Of the process that runs as `server` now, or ran last.

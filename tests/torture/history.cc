@@ -48,11 +48,20 @@ class HistoryTorture {
     Disturb(random);
     stop_ = true;
     for (std::thread& client : clients) client.join();
+    if (const absl::Status status = fleet_.Stop(); !status.ok()) Fail(status.ToString());
 
     std::vector<Event> history;
     for (const auto& events : events_) history.insert(history.end(), events.begin(), events.end());
-    uint64_t unknown = 0;
-    for (const Event& event : history) unknown += event.outcome == Event::Outcome::kUnknown;
+    uint64_t unknown = 0, uploads = 0;
+    for (const Event& event : history) {
+      unknown += event.outcome == Event::Outcome::kUnknown;
+      uploads += event.kind == Event::Kind::kUpload && event.outcome == Event::Outcome::kDone;
+    }
+    // Where nothing came through, nothing was wrong either.
+    if (uploads == 0 || counts_.answers == 0 || counts_.batches == 0) {
+      Fail(absl::StrCat("no more than ", uploads, " uploads, ", counts_.answers.load(), " answers and ",
+                        counts_.batches.load(), " batches"));
+    }
     const auto stale = options_.servers > 1 ? kStale : std::chrono::seconds(0);
     for (const std::string& wrong : CheckHistory(history, stale)) Fail(wrong);
     std::printf(
@@ -80,7 +89,7 @@ class HistoryTorture {
       std::this_thread::sleep_for(std::chrono::milliseconds(100 + random() % 900));
       const int server = static_cast<int>(random() % fleet_.size());
       if (random() % 2 == 0) {
-        fleet_.Kill(server);
+        if (const absl::Status status = fleet_.Kill(server); !status.ok()) Fail(status.ToString());
         ++counts_.kills;
         std::this_thread::sleep_for(std::chrono::milliseconds(random() % 200));
         if (const absl::Status status = fleet_.Start(); !status.ok()) Fail(status.ToString());

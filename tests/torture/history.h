@@ -39,8 +39,8 @@ struct HistoryOptions {
 
 // Clients upload, move, delete and ask the same few meshes and names through all servers, some of which are killed and
 // started again, or stopped for a time, while connections are cut. All answers must be those of brute force, all
-// streams must have each batch once and in order, and the history must check. Prints a line of figures. False:
-// something was wrong, and is told of.
+// streams must have each batch once and in order, and the history must check. No server may end by itself. Prints a
+// line of figures. False: something was wrong, or nothing was answered at all; it is told of.
 bool TortureByHistory(const HistoryOptions& options);
 
 }  // namespace deltaray
