@@ -255,11 +255,13 @@ class CrashTorture {
 
   void VerifyFiles(Connection& server) {
     std::set<std::string> expected, found;
+    absl::Status listed;
     const bool same = Soon([&] {
-      const auto listed = ListMeshes(server);
+      const auto meshes = ListMeshes(server);
+      listed = meshes.status();
       if (!listed.ok()) return false;
       expected.clear(), found.clear();
-      for (const v1::Mesh& mesh : *listed) {
+      for (const v1::Mesh& mesh : *meshes) {
         expected.insert(absl::StrCat("meshes/", mesh.id(), ".mesh"));
         const std::string config = absl::StrCat("configs/", mesh.id(), ".config");
         if (std::filesystem::exists(absl::StrCat(fleet_.data_directory(), "/", config))) expected.insert(config);
@@ -273,6 +275,7 @@ class CrashTorture {
       return found == expected;
     });
     if (same) return;
+    if (!listed.ok()) return Fail("the meshes were not listed: " + listed.ToString());
     for (const std::string& file : found) {
       if (expected.count(file) == 0) Fail("a stray file: " + file);
     }
