@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # usage: no_room.sh BIN
 # Where the disk is full, or a file may not grow, an upload fails with the reason and leaves nothing behind, and the
-# server lives on.
+# server lives on. Exit code 77 where no disk can be mounted, once all else has passed.
 source "$(dirname "${BASH_SOURCE[0]}")/server.sh"
 
 # 8 MB of vertices and a triangle.
@@ -35,5 +35,6 @@ launcher=(unshare --map-root-user --mount bash -c 'mount -t tmpfs -o size=2m non
 if "${launcher[@]}" true 2>/dev/null; then
   check_full 'disk full'
 else
-  echo "no disk was filled: this system lets nobody mount one"
+  echo "SKIPPED: no disk was filled, since this system lets nobody mount one"
+  exit 77
 fi
