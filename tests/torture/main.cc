@@ -35,6 +35,8 @@ int main(int argc, char** argv) {
   load->add_option("--server", load_options.server, "host:port")->required();
   load->add_option("--scene", load_options.scene, "Uploaded and traced");
   load->add_option("--seconds", load_options.seconds, "How long")->check(CLI::Range(0.1, 86400.0));
+  load->add_option("--longest", load_options.longest, "Seconds that it may last until each stream had a batch")
+      ->check(CLI::Range(0.0, 86400.0));
   load->add_option("--streams", load_options.streams, "Streams that read at once")->check(CLI::Range(0, 4096));
   load->add_option("--slow", load_options.slow, "Streams that take one reply a second")->check(CLI::Range(0, 4096));
   load->add_option("--max-batch", load_options.max_batch, "Rays of the largest batches")
