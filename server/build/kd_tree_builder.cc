@@ -80,6 +80,7 @@ class KdTreeBuilder {
       Build(std::move(child), tree);
     };
     tbb::parallel_invoke([&] { task(left, &left_tree); }, [&] { task(right, &right_tree); });
+    if (context_.cancelled()) return;
     Append(left_tree, out);
     out->nodes[index].offset = static_cast<uint32_t>(out->nodes.size());
     Append(right_tree, out);
