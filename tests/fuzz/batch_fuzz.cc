@@ -13,7 +13,7 @@
 #include "server/tree/brute_force.h"
 #include "tests/fuzz/byte_reader.h"
 #include "tests/fuzz/check.h"
-#include "tests/unit/service/sliced_message.h"
+#include "tests/sliced_message.h"
 
 namespace deltaray {
 namespace {

@@ -247,7 +247,7 @@ TEST_P(DigestsTest, AreTheSameWhileTheBuildRunsAndAfterIt) {
       gated.Advance(leaves / 2);
       Check(*early->tree);
     }
-    gated.gate->Let(kAllLeaves);
+    gated.turnstile->Let(kAllLeaves);
     ASSERT_TRUE(gated.build->WaitDone().ok());
     Check(*gated.build->snapshot()->tree);
   }

@@ -15,7 +15,7 @@
 namespace deltaray {
 
 // Lets so many δ-leaves be built, and holds up the tasks of others.
-class Gate {
+class Turnstile {
  public:
   void Let(uint64_t leaves) {
     {
@@ -38,20 +38,20 @@ class Gate {
 
 inline constexpr uint64_t kAllLeaves = uint64_t{1} << 40;
 
-// Opens the gate however the test ends, before the build is destroyed, which waits for its tasks.
+// Lets all pass however the test ends, before the build is destroyed, which waits for its tasks.
 struct GatedBuild {
   GatedBuild(std::shared_ptr<const TriangleMesh> mesh, const Config& config, uint32_t threads)
-      : build(Build::Start(std::move(mesh), {config, threads, [gate = gate] { gate->Pass(); }})) {}
-  ~GatedBuild() { gate->Let(kAllLeaves); }
+      : build(Build::Start(std::move(mesh), {config, threads, [turnstile = turnstile] { turnstile->Pass(); }})) {}
+  ~GatedBuild() { turnstile->Let(kAllLeaves); }
 
   // Returns once `leaves` more are built, and no other.
   void Advance(uint64_t leaves) {
     const uint64_t wanted = build->progress().delta_leaves_built + leaves;
-    gate->Let(leaves);
+    turnstile->Let(leaves);
     while (build->progress().delta_leaves_built < wanted) std::this_thread::sleep_for(std::chrono::microseconds(100));
   }
 
-  std::shared_ptr<Gate> gate = std::make_shared<Gate>();
+  std::shared_ptr<Turnstile> turnstile = std::make_shared<Turnstile>();
   std::shared_ptr<Build> build;
 };
 

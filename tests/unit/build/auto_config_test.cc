@@ -88,7 +88,7 @@ TEST(AutoConfigTest, ABuildTellsItsChoices) {
   EXPECT_EQ(statistics.config.delta, 32u);
   EXPECT_EQ(statistics.choices.size(), 3u);
   EXPECT_EQ(statistics.spatial_splits, 0u);
-  const std::vector<Ray> rays = TestRays(*mesh, 200, 5);
+  const std::vector<Ray> rays = ChordsAndHardRays(*mesh, 200, 5);
   EXPECT_EQ(Answers(*build->snapshot()->tree, rays), Answers(BruteForce(mesh->triangles()), rays));
 }
 

@@ -8,6 +8,7 @@
 
 #include "gtest/gtest.h"
 #include "server/build/build.h"
+#include "tests/gate.h"
 #include "tests/scenes/made.h"
 #include "tests/unit/build/builds.h"
 #include "tests/unit/build/checks.h"
@@ -53,7 +54,8 @@ TEST(BuildLifeTest, DestroyingARunningBuildCancelsIt) {
 
 TEST(BuildLifeTest, WhatThereWasAnswersAfterACancel) {
   Gate gate;
-  const std::shared_ptr<Build> build = Start(Shared(Soup(2000)), Config(), 1, gate.Pass());
+  gate.Close();
+  const std::shared_ptr<Build> build = Start(Shared(Soup(2000)), Config(), 1, [&] { gate.Pass(); });
   std::future<absl::Status> final = std::async(std::launch::async, [&] { return build->WaitDone(); });
   ASSERT_TRUE(build->WaitProvisional().ok());
   EXPECT_EQ(final.wait_for(milliseconds(20)), std::future_status::timeout);

@@ -15,6 +15,7 @@
 #include "server/tree/bvh.h"
 #include "server/tree/kd_tree.h"
 #include "server/tree/wide_tree.h"
+#include "tests/gate.h"
 #include "tests/scenes/made.h"
 #include "tests/scenes/pathological.h"
 #include "tests/unit/build/builds.h"
@@ -62,7 +63,7 @@ class BuildSceneTest : public testing::TestWithParam<PathologicalScene> {
  protected:
   const std::shared_ptr<const TriangleMesh> mesh_ =
       Shared(GetParam().make(std::min<uint32_t>(GetParam().full_size, 50)));
-  const std::vector<Ray> rays_ = TestRays(*mesh_, 10, 1);
+  const std::vector<Ray> rays_ = ChordsAndHardRays(*mesh_, 10, 1);
   const Answers expected_{BruteForce(mesh_->triangles()), rays_};
 };
 
@@ -92,7 +93,8 @@ TEST_P(BuildSceneTest, EveryDeltaAndPresetAnswersLikeBruteForce) {
 
 TEST_P(BuildSceneTest, AnswersAreTheSameBeforeWhileAndAfterDeltaLeavesAreBuilt) {
   Gate gate;
-  const std::shared_ptr<Build> build = Start(mesh_, Config(), 2, gate.Pass());
+  gate.Close();
+  const std::shared_ptr<Build> build = Start(mesh_, Config(), 2, [&] { gate.Pass(); });
   ASSERT_TRUE(build->WaitProvisional().ok());
   const auto provisional = build->snapshot();
   EXPECT_TRUE(Answers(*provisional->tree, rays_) == expected_);
@@ -108,7 +110,8 @@ TEST_P(BuildSceneTest, AnswersAreTheSameBeforeWhileAndAfterDeltaLeavesAreBuilt) 
 TEST(BuildTest, RaysAreAnsweredBeforeTheFirstDeltaLeafIsBuilt) {
   const auto mesh = Shared(City(20, 100));
   Gate gate;
-  const std::shared_ptr<Build> build = Start(mesh, Config(), 2, gate.Pass());
+  gate.Close();
+  const std::shared_ptr<Build> build = Start(mesh, Config(), 2, [&] { gate.Pass(); });
   ASSERT_TRUE(build->WaitProvisional().ok());
   ASSERT_FALSE(build->snapshot()->final);
   const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 200, 1);
@@ -197,8 +200,8 @@ constexpr double kSoonSeconds = 0.1;
 constexpr uint32_t kCancelledSide = 400;
 #endif
 
-// At moments all through a build, in processor time, since other work on the machine may delay any build; and at each by
-// the quickest of some tries.
+// At moments all through a build, in processor time, since other work on the machine may delay any build; and at each
+// by the quickest of some tries.
 TEST_P(BuildBuilderTest, IsCancelledWithin100Milliseconds) {
   static const auto mesh = Shared(Terrain(kCancelledSide, kCancelledSide));
   const Config config = MakeConfig(GetParam(), Preset::kBest);

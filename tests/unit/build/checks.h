@@ -89,7 +89,7 @@ inline void CheckBvh(const BvhArrays& arrays, const TrianglesView& triangles) {
 }
 
 // Chords and the rays on which ray tracers fail, about `count` of each.
-inline std::vector<Ray> TestRays(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
+inline std::vector<Ray> ChordsAndHardRays(const TriangleMesh& mesh, uint32_t count, uint64_t seed) {
   if (mesh.indices.empty()) return ChordRays(Bounds{{0, 0, 0}, {1, 1, 1}}, count, seed);
   std::vector<Ray> rays = ChordRays(MeshBounds(mesh), count, seed);
   for (const HardRays& family : HardRayFamilies()) {

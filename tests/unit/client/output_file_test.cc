@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "client/exit_code.h"
-#include "tests/unit/store/hindered.h"
+#include "tests/hindered.h"
 
 namespace deltaray {
 namespace {

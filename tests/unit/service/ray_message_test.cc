@@ -6,7 +6,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "tests/unit/service/sliced_message.h"
+#include "tests/sliced_message.h"
 
 namespace deltaray {
 namespace {

@@ -22,6 +22,7 @@
 #include "grpcpp/impl/codegen/client_unary_call.h"
 #include "gtest/gtest.h"
 #include "server/service/server.h"
+#include "tests/eventually.h"
 
 namespace deltaray {
 
@@ -109,15 +110,6 @@ class HookedStore final : public MeshStore {
   const std::unique_ptr<MeshStore> inner_;
   const Hooks hooks_;
 };
-
-// Waits for `condition`, at most ten seconds.
-inline bool Eventually(const std::function<bool()>& condition) {
-  for (int i = 0; i < 1000; ++i) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return condition();
-}
 
 // Queries that begin, and end once they are let go on.
 class HeldQueries {

@@ -13,8 +13,8 @@
 #include <string>
 
 #include "server/store/upload_file.h"
+#include "tests/hindered.h"
 #include "tests/unit/store/fixture.h"
-#include "tests/unit/store/hindered.h"
 
 namespace deltaray {
 namespace {

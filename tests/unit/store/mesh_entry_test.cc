@@ -12,8 +12,8 @@
 #include <string>
 #include <thread>
 
+#include "tests/gate.h"
 #include "tests/unit/store/fixture.h"
-#include "tests/unit/store/gate.h"
 
 namespace deltaray {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "server/build/mutex.h"
 #include "server/store/sha256.h"
+#include "tests/hindered.h"
 #include "tests/unit/store/fixture.h"
-#include "tests/unit/store/hindered.h"
 
 namespace deltaray {
 namespace {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "server/store/sha256.h"
+#include "tests/eventually.h"
 #include "tests/unit/store/fixture.h"
 
 namespace deltaray {
@@ -28,15 +29,7 @@ constexpr std::chrono::seconds kSoon{5};
 
 class SharedDirectoryTest : public ::testing::Test {
  protected:
-  // Waits until `holds` does.
-  static bool Soon(const std::function<bool()>& holds) {
-    const auto deadline = std::chrono::steady_clock::now() + kSoon;
-    while (!holds()) {
-      if (std::chrono::steady_clock::now() > deadline) return false;
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    return true;
-  }
+  static bool Soon(const std::function<bool()>& holds) { return Eventually(holds, kSoon); }
   static bool IsGone(MeshStore& store, const std::string& mesh) {
     return store.Get(mesh).status().code() == absl::StatusCode::kNotFound;
   }

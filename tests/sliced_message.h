@@ -1,7 +1,7 @@
 // Messages in slices, as gRPC hands them over.
 
-#ifndef TESTS_UNIT_SERVICE_SLICED_MESSAGE_H_
-#define TESTS_UNIT_SERVICE_SLICED_MESSAGE_H_
+#ifndef TESTS_SLICED_MESSAGE_H_
+#define TESTS_SLICED_MESSAGE_H_
 
 #include <string>
 #include <vector>
@@ -26,4 +26,4 @@ inline std::string Read(const MessageSlices& message, MessageRange range) {
 
 }  // namespace deltaray
 
-#endif  // TESTS_UNIT_SERVICE_SLICED_MESSAGE_H_
+#endif  // TESTS_SLICED_MESSAGE_H_

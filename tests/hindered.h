@@ -1,7 +1,7 @@
 // Makes the system refuse things, for a time.
 
-#ifndef TESTS_UNIT_STORE_HINDERED_H_
-#define TESTS_UNIT_STORE_HINDERED_H_
+#ifndef TESTS_HINDERED_H_
+#define TESTS_HINDERED_H_
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -58,4 +58,4 @@ class WithoutPrivileges {
 
 }  // namespace deltaray
 
-#endif  // TESTS_UNIT_STORE_HINDERED_H_
+#endif  // TESTS_HINDERED_H_

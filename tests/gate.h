@@ -1,13 +1,13 @@
 // Stops builds, for tests.
 
-#ifndef TESTS_UNIT_STORE_GATE_H_
-#define TESTS_UNIT_STORE_GATE_H_
+#ifndef TESTS_GATE_H_
+#define TESTS_GATE_H_
 
 #include "server/build/mutex.h"
 
 namespace deltaray {
 
-// Holds back whoever passes while it is closed.
+// Holds back whoever passes while it is closed. It is open at first.
 class Gate {
  public:
   void Close() {
@@ -32,4 +32,4 @@ class Gate {
 
 }  // namespace deltaray
 
-#endif  // TESTS_UNIT_STORE_GATE_H_
+#endif  // TESTS_GATE_H_
