@@ -1,11 +1,9 @@
 // Rays are answered while the build runs, with the same bits as after it.
 
 #include <algorithm>
-#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -50,7 +48,7 @@ TEST_P(EarlyAnswersTest, AnswersAsBruteForceWhileDeltaLeavesAreBuilt) {
           gated.Advance(leaves / 2);
           EXPECT_TRUE(answers.Match(*provisional->tree, first++ % kStride, kStride)) << "half of the leaves built";
         }
-        gated.gate->Let(kAllLeaves);
+        gated.turnstile->Let(kAllLeaves);
         ASSERT_TRUE(build.WaitDone().ok());
         EXPECT_TRUE(build.snapshot()->final);
         EXPECT_TRUE(answers.Match(*build.snapshot()->tree, first++ % kStride, kStride)) << "all leaves built";
@@ -77,7 +75,7 @@ TEST(EarlyAnswersTest, AnswersAPictureBeforeAnyDeltaLeafIsBuiltWithTheBitsOfTheF
   EXPECT_EQ(gated.build->progress().delta_leaves_built, 0u);
   EXPECT_GT(gated.build->progress().delta_leaves, 1000u);
 
-  gated.gate->Let(kAllLeaves);
+  gated.turnstile->Let(kAllLeaves);
   ASSERT_TRUE(gated.build->WaitDone().ok());
   const std::shared_ptr<const TreeSnapshot> late = gated.build->snapshot();
   ASSERT_TRUE(late->final);
@@ -87,27 +85,27 @@ TEST(EarlyAnswersTest, AnswersAPictureBeforeAnyDeltaLeafIsBuiltWithTheBitsOfTheF
   EXPECT_NE(std::count_if(late_hits.begin(), late_hits.end(), [](const Hit& hit) { return hit.IsHit(); }), 0);
 }
 
-// Traces without a pause, while δ-leaves that take their time are built and the final tree replaces the provisional
-// one.
+// Traces without a pause, while δ-leaves are built, an eighth of them from one round to the next, and the final tree
+// replaces the provisional one.
 TEST(EarlyAnswersTest, TracesWhileLeavesArePublished) {
   const auto mesh = std::make_shared<const TriangleMesh>(Terrain(60, 60));
   const std::vector<Ray> rays = ChordRays(MeshBounds(*mesh), 2000, 1);
-  Build::Options options;
-  options.threads = 2;
-  options.on_delta_leaf = [] { std::this_thread::sleep_for(std::chrono::milliseconds(1)); };
-  const std::shared_ptr<Build> build = Build::Start(mesh, options);
-  ASSERT_TRUE(build->WaitProvisional().ok());
+  GatedBuild gated(mesh, Config(), 2);
+  ASSERT_TRUE(gated.build->WaitProvisional().ok());
+  const uint64_t eighth = gated.build->progress().delta_leaves / 8;
+  ASSERT_GT(eighth, 0u);
   std::vector<Hit> first(rays.size()), again(rays.size());
-  build->snapshot()->tree->ClosestHits(rays, {}, first);
+  gated.build->snapshot()->tree->ClosestHits(rays, {}, first);
   size_t early_rounds = 0;
   while (true) {
-    const std::shared_ptr<const TreeSnapshot> snapshot = build->snapshot();
+    gated.turnstile->Let(eighth);
+    const std::shared_ptr<const TreeSnapshot> snapshot = gated.build->snapshot();
     snapshot->tree->ClosestHits(rays, {}, again);
     ASSERT_EQ(first, again);
     if (snapshot->final) break;
     ++early_rounds;
   }
-  EXPECT_GT(early_rounds, 0u);
+  EXPECT_GE(early_rounds, 7u);
 }
 
 // A lazy build makes only the leaves that rays reach, and answers the same.
