@@ -40,7 +40,8 @@ absl::Status Race(const RaySet& set, const Tree& tree, const RaceOptions& option
     const double seconds = TraceAll(*kernel, set.rays, row.threads, options.chunk, hits);
     results[i].mrays_s.Add(MegaraysPerSecond(rays, row.threads, seconds));
     const bool exact = row.level == "exact";
-    const size_t disagreements = CountDisagreements(hits, expected, exact ? 0 : kTolerance);
+    const size_t disagreements =
+        exact ? CountDifferences(hits, expected) : CountDisagreements(hits, expected, kTolerance);
     results[i].disagreements = std::max(results[i].disagreements, disagreements);
     const double allowed = exact ? 0 : 1e-6 * kMaxDisagreementsPerMillion * static_cast<double>(rays);
     if (static_cast<double>(disagreements) <= allowed) return absl::OkStatus();

@@ -25,8 +25,8 @@ struct RaceOptions {
 };
 
 // Measures all racers, interleaved, and writes their rows to standard error as they are done. INTERNAL where the
-// answers of one are not those of `tree` at the exact level: by one bit at that level itself, elsewhere on more than
-// 300 rays per million by hit or miss, or by more than 1e-3 of t. Nothing is measured where there are no rays.
+// answers of one are not those of `tree` at the exact level: by any bit of them at that level itself, elsewhere on more
+// than 300 rays per million by hit or miss, or by more than 1e-3 of t. Nothing is measured where there are no rays.
 absl::Status Race(const RaySet& set, const Tree& tree, const RaceOptions& options, std::vector<Racer>* racers);
 
 }  // namespace deltaray

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <memory>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "tests/bench/measure.h"
@@ -48,6 +50,16 @@ size_t CountDisagreements(std::span<const Hit> hits, std::span<const Hit> expect
       count += !(std::abs(a - b) <= tolerance * std::max(std::abs(a), std::abs(b)));
     }
   }
+  return count;
+}
+
+size_t CountDifferences(std::span<const Hit> hits, std::span<const Hit> expected) {
+  const auto bits = [](const Hit& hit) {
+    return std::tuple(std::bit_cast<uint32_t>(hit.t), std::bit_cast<uint32_t>(hit.u), std::bit_cast<uint32_t>(hit.v),
+                      hit.primitive, hit.back);
+  };
+  size_t count = 0;
+  for (size_t i = 0; i < hits.size(); ++i) count += bits(hits[i]) != bits(expected[i]);
   return count;
 }
 

@@ -24,6 +24,9 @@ double MegaraysPerSecond(size_t rays, uint32_t threads, double cpu_seconds);
 // more than `tolerance`, relative to the larger one.
 size_t CountDisagreements(std::span<const Hit> hits, std::span<const Hit> expected, float tolerance);
 
+// Number of rays of which `hits` and `expected` differ in any bit: of t, primitive, u, v or side.
+size_t CountDifferences(std::span<const Hit> hits, std::span<const Hit> expected);
+
 }  // namespace deltaray
 
 #endif  // TESTS_BENCH_KERNEL_RUN_H_

@@ -49,6 +49,13 @@ struct Target {
   WireRays wire;
   std::unique_ptr<Kernel> kernel;
   std::vector<float> t;  // the right answers
+
+  // Whether a reply for `count` rays from `first` on is right, to the bit.
+  absl::Status Check(size_t first, size_t count, const v1::HitBatch& hits) const {
+    const bool same = hits.ray_count() == count && hits.t().size() == count * sizeof(float) &&
+                      std::memcmp(hits.t().data(), &t[first], hits.t().size()) == 0;
+    return same ? absl::OkStatus() : absl::InternalError("the service answers otherwise");
+  }
 };
 
 // A server, and how it is reached.
@@ -78,12 +85,9 @@ absl::Status SendAll(const Target& target, const Load& load, uint32_t passes) {
   const auto send = [&](size_t i) {
     const size_t first = rays * i / streams, last = rays * (i + 1) / streams;
     for (uint32_t pass = 0; pass < passes && statuses[i].ok(); ++pass) {
-      statuses[i] = StreamAll(**load.connections[i], target.mesh_id, target.wire, first, last - first, load.batch,
-                              [&target](size_t at, const v1::HitBatch& hits) {
-                                const bool same = hits.t().size() == hits.ray_count() * sizeof(float) &&
-                                                  std::memcmp(hits.t().data(), &target.t[at], hits.t().size()) == 0;
-                                return same ? absl::OkStatus() : absl::InternalError("the service answers otherwise");
-                              });
+      statuses[i] = StreamAll(
+          **load.connections[i], target.mesh_id, target.wire, first, last - first, load.batch,
+          [&target](size_t at, const v1::HitBatch& hits) { return target.Check(at, hits.ray_count(), hits); });
     }
   };
   std::vector<std::thread> threads;
@@ -167,8 +171,9 @@ absl::Status MeasureLatency(Connection& connection, const Target& target, const 
                             Lines* lines) {
   for (const bool stream : {false, true}) {
     for (const size_t rays : {size_t{1}, size_t{64}}) {
-      const absl::StatusOr<Samples> samples =
-          (stream ? StreamLatencies : UnaryLatencies)(connection, target.mesh_id, target.wire, rays, options.calls);
+      const absl::StatusOr<Samples> samples = (stream ? StreamLatencies : UnaryLatencies)(
+          connection, target.mesh_id, target.wire, rays, options.calls,
+          [&](size_t first, const v1::HitBatch& hits) { return target.Check(first, rays, hits); });
       if (!samples.ok()) return samples.status();
       for (const auto& [quantity, q] : {std::pair("p50_us", 0.5), std::pair("p99_us", 0.99)}) {
         lines->Add(stream ? "stream_latency" : "unary_latency", target.scene, target.set->name, stream ? 1 : 0, rays,
@@ -193,10 +198,13 @@ absl::Status MeasureUpload(Connection& connection, const Scene& scene, const Ser
         UploadArrays(connection, *scene.mesh, [&start] { start = std::chrono::steady_clock::now(); });
     if (!mesh.ok()) return mesh.status();
     stored.Add(seconds());
-    if (auto reply = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_PROVISIONAL); !reply.ok()) return reply.status();
+    const auto early = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_PROVISIONAL);
+    if (!early.ok()) return early.status();
     const double first = seconds();
-    if (auto reply = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_FINAL); !reply.ok()) return reply.status();
+    const auto late = Cast(connection, *mesh, ray, 0, 1, v1::BUILD_WAIT_FINAL);
+    if (!late.ok()) return late.status();
     const double last = seconds();
+    if (early->hits().t() != late->hits().t()) return absl::InternalError("the final tree answers otherwise");
     first_ray.Add(first);
     final_tree.Add(last);
     ratio.Add(first / last);

@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/exit_code.h"
 #include "client/ray_stream.h"
 
@@ -113,8 +114,7 @@ absl::StatusOr<v1::CastRaysResponse> Cast(Connection& connection, const std::str
 }
 
 absl::Status StreamAll(Connection& connection, const std::string& mesh, const WireRays& rays, size_t first,
-                       size_t count, size_t batch,
-                       const std::function<absl::Status(size_t, const v1::HitBatch&)>& take) {
+                       size_t count, size_t batch, const CheckHits& check) {
   v1::StreamStart start;
   start.set_mesh(mesh);
   *start.mutable_query() = Query(rays);
@@ -133,25 +133,27 @@ absl::Status StreamAll(Connection& connection, const std::string& mesh, const Wi
       [&](const v1::HitBatch& hits) {
         const size_t at = first + answered;
         answered += hits.ray_count();
-        return take(at, hits);
+        return check(at, hits);
       });
 }
 
 absl::StatusOr<Samples> UnaryLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
-                                       size_t count, size_t calls) {
+                                       size_t count, size_t calls, const CheckHits& check) {
   Samples samples;
   for (size_t call = 0; call < calls; ++call) {
+    const size_t first = FirstRay(rays, count, call);
     const auto start = std::chrono::steady_clock::now();
     const absl::StatusOr<v1::CastRaysResponse> response =
-        Cast(connection, mesh, rays, FirstRay(rays, count, call), count, v1::BUILD_WAIT_PROVISIONAL);
+        Cast(connection, mesh, rays, first, count, v1::BUILD_WAIT_PROVISIONAL);
     if (!response.ok()) return response.status();
     samples.Add(MicrosecondsSince(start));
+    if (absl::Status status = check(first, response->hits()); !status.ok()) return status;
   }
   return samples;
 }
 
 absl::StatusOr<Samples> StreamLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
-                                        size_t count, size_t calls) {
+                                        size_t count, size_t calls, const CheckHits& check) {
   grpc::ClientContext context;
   const auto stream = connection.rays().StreamRays(&context);
   v1::StreamRaysRequest request;
@@ -160,16 +162,24 @@ absl::StatusOr<Samples> StreamLatencies(Connection& connection, const std::strin
   stream->Write(request);
   Samples samples;
   v1::StreamRaysResponse response;
-  for (size_t call = 0; call < calls; ++call) {
+  absl::Status checked;
+  size_t answered = 0;
+  for (; answered < calls && checked.ok(); ++answered) {
+    const size_t first = FirstRay(rays, count, answered);
     const auto start = std::chrono::steady_clock::now();
-    const std::string_view bytes = rays.Some(FirstRay(rays, count, call), count);
+    const std::string_view bytes = rays.Some(first, count);
     request.mutable_rays()->set_rays(bytes.data(), bytes.size());
     if (!stream->Write(request) || !stream->Read(&response)) break;
     samples.Add(MicrosecondsSince(start));
+    checked = check(first, response.hits());
   }
   stream->WritesDone();
   const grpc::Status status = stream->Finish();
   if (!status.ok()) return FromRpc(status);
+  if (!checked.ok()) return checked;
+  if (answered < calls) {
+    return absl::InternalError(absl::StrCat("the stream ended after ", answered, " of ", calls, " batches"));
+  }
   return samples;
 }
 

@@ -71,18 +71,19 @@ struct WireRays {
 absl::StatusOr<v1::CastRaysResponse> Cast(Connection& connection, const std::string& mesh, const WireRays& rays,
                                           size_t first, size_t count, v1::BuildWait wait);
 
-// Streams the rays from `first` on in batches of `batch`, at the full speed of the window. `take` gets each reply and
-// the number of the first ray that it answers.
+// Judges a reply, to the rays from number `first` on.
+using CheckHits = std::function<absl::Status(size_t first, const v1::HitBatch& hits)>;
+
+// Streams the rays from `first` on in batches of `batch`, at the full speed of the window.
 absl::Status StreamAll(Connection& connection, const std::string& mesh, const WireRays& rays, size_t first,
-                       size_t count, size_t batch,
-                       const std::function<absl::Status(size_t first, const v1::HitBatch& hits)>& take);
+                       size_t count, size_t batch, const CheckHits& check);
 
 // The times, in microseconds, that `calls` calls of `count` rays each took, one after the other: unary ones, and
-// batches of a stream of which each waits for the reply to the one before.
+// batches of a stream of which each waits for the reply to the one before. What `check` does is not in them.
 absl::StatusOr<Samples> UnaryLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
-                                       size_t count, size_t calls);
+                                       size_t count, size_t calls, const CheckHits& check);
 absl::StatusOr<Samples> StreamLatencies(Connection& connection, const std::string& mesh, const WireRays& rays,
-                                        size_t count, size_t calls);
+                                        size_t count, size_t calls, const CheckHits& check);
 
 }  // namespace deltaray
 

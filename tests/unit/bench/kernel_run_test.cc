@@ -75,5 +75,18 @@ TEST(CountDisagreementsTest, ComparesMissesExactlyAndDistancesWithinTheTolerance
   EXPECT_EQ(CountDisagreements(AtEach({NAN}), AtEach({1}), 1), 1u);
 }
 
+TEST(CountDifferencesTest, ComparesAllThatAHitHoldsToTheBit) {
+  const Hit hit = {.t = 0, .u = 0.25f, .v = 0.5f, .primitive = 3, .back = false};
+  std::vector<Hit> others(5, hit);
+  others[0].t = -0.0f;
+  others[1].u = 0.25000003f;
+  others[2].v = NAN;
+  others[3].primitive = 4;
+  others[4].back = true;
+  EXPECT_EQ(CountDifferences(others, std::vector<Hit>(5, hit)), 5u);
+  EXPECT_EQ(CountDifferences(others, others), 0u);
+  EXPECT_EQ(CountDifferences(AtEach({kInf}), AtEach({kInf})), 0u);
+}
+
 }  // namespace
 }  // namespace deltaray
