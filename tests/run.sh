@@ -24,11 +24,14 @@ bash "$root/docker/install_packages.sh" build test lint
 options=(-DCMAKE_BUILD_TYPE=Release -DDELTARAY_WERROR=ON)
 run=()
 case "$sanitize" in
-  '') build="$root/build-tests" ;;
+  '')
+    build="$root/build-tests"
+    options+=(-DDELTARAY_UNITY=ON)
+    ;;
   address,undefined)
     build="$root/build-address"
-    # gcc warns of what is well where it also adds the sanitizers' checks. And one of the runs shows that all files
-    # compile without precompiled headers.
+    # gcc warns of what is well where it also adds the sanitizers' checks. And one of the runs shows that each file
+    # compiles by itself.
     options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=OFF -DDELTARAY_PRECOMPILE=OFF
       "-DDELTARAY_SANITIZE=$sanitize")
     export ASAN_OPTIONS="detect_stack_use_after_return=1${ASAN_OPTIONS:+:$ASAN_OPTIONS}"

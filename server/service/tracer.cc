@@ -1,6 +1,8 @@
 #include "server/service/tracer.h"
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <memory>
 #include <thread>
 #include <utility>
@@ -11,6 +13,9 @@
 namespace deltaray {
 namespace {
 
+// How long the tracer waits for its threads to begin.
+constexpr std::chrono::milliseconds kStartPatience{200};
+
 uint32_t Cores() { return std::max(1u, std::thread::hardware_concurrency()); }
 
 }  // namespace
@@ -18,9 +23,26 @@ uint32_t Cores() { return std::max(1u, std::thread::hardware_concurrency()); }
 Tracer::Tracer(uint32_t threads)
     : threads_(threads == 0 ? Cores() : threads),
       workers_(tbb::global_control::max_allowed_parallelism, std::max(threads_, Cores()) + 1),
-      arena_(static_cast<int>(threads_), 0, tbb::task_arena::priority::high) {}
+      arena_(static_cast<int>(threads_), 0, tbb::task_arena::priority::high) {
+  StartWorkers();
+}
 
 Tracer::~Tracer() { Stop(); }
+
+void Tracer::StartWorkers() {
+  // Each holds its thread until all have one. Of several tracers in a process, the later ones may get fewer.
+  const auto begun = std::make_shared<std::atomic<uint32_t>>(0);
+  const auto all_have_begun = [begun, deadline = std::chrono::steady_clock::now() + kStartPatience, this] {
+    return *begun == threads_ || std::chrono::steady_clock::now() >= deadline;
+  };
+  for (uint32_t i = 0; i < threads_; ++i) {
+    Enqueue([begun, all_have_begun] {
+      ++*begun;
+      while (!all_have_begun()) std::this_thread::yield();
+    });
+  }
+  while (!all_have_begun()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
 
 void Tracer::Enqueue(std::function<void()> task) {
   // Held by pointer, so that what the task holds is gone before Stop returns: TBB deletes the lambda some time later.

@@ -46,6 +46,9 @@ class Tracer {
   uint32_t threads() const { return threads_; }
 
  private:
+  // Has TBB make its threads now: one that cannot be made later, because the system has none left, is lost to it for
+  // good.
+  void StartWorkers();
   template <typename Task>
   void Submit(Task task);
   // One task less.

@@ -45,9 +45,9 @@ double PlannedCost(const BvhArrays& tree, const WidePlan& plan, uint32_t node, u
 }
 
 // The least cost of at most `roots` roots over a subtree, by trying everything.
-class LeastCost {
+class LeastWideCost {
  public:
-  LeastCost(const BvhArrays& tree, int width) : tree_(tree), width_(width) {}
+  LeastWideCost(const BvhArrays& tree, int width) : tree_(tree), width_(width) {}
 
   double operator()(uint32_t node, int roots) {
     if (const auto known = costs_.find({node, roots}); known != costs_.end()) return known->second;
@@ -87,7 +87,7 @@ TEST(WidePlanTest, IsTheCheapestAndHoldsEveryReferenceOnce) {
         uint32_t planned = 0;
         const double cost = PlannedCost(tree, plan, 0, &planned);
         EXPECT_EQ(planned, references);
-        const double least = LeastCost(tree, width)(0, 1);
+        const double least = LeastWideCost(tree, width)(0, 1);
         EXPECT_NEAR(cost, least, 1e-5 * least);
       }
     }
