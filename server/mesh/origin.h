@@ -25,7 +25,7 @@ struct StoredPositions {
   double max_rounding = 0;
 };
 
-// Each vertex minus `origin`, rounded to the nearest float32; -0 is stored as +0.
+// Each vertex minus `origin`: subtracted in double, which may round, and then rounded to float32; -0 is stored as +0.
 StoredPositions StorePositions(const std::vector<Vec3d>& vertices, const Vec3d& origin);
 
 }  // namespace deltaray
