@@ -12,6 +12,7 @@
 
 #include "server/geometry/ray.h"
 #include "server/geometry/triangles.h"
+#include "tests/oracle/products.h"
 
 namespace deltaray {
 
@@ -37,13 +38,13 @@ struct RationalHit {
 inline std::optional<RationalHit> FindRationalHit(const Ray& ray, const Triangle& triangle) {
   const Vec3r o = ToRational(ray.origin), d = ToRational(ray.direction), v0 = ToRational(triangle.v0);
   const Vec3r e1 = ToRational(triangle.v1) - v0, e2 = ToRational(triangle.v2) - v0;
-  const Vec3r normal = Cross(e1, e2);
-  const Rational speed = Dot(normal, d);
+  const Vec3r normal = CrossProduct(e1, e2);
+  const Rational speed = DotProduct(normal, d);
   if (speed == 0) return std::nullopt;
   RationalHit hit;
   // Corners in counter-clockwise order are seen from where the normal points.
   hit.back = speed > 0;
-  hit.t = Dot(normal, v0 - o) / speed;
+  hit.t = DotProduct(normal, v0 - o) / speed;
   const Vec3r point = o + hit.t * d - v0;
   const int axis = normal.x != 0 ? 0 : normal.y != 0 ? 1 : 2;
   const int a = (axis + 1) % 3, b = (axis + 2) % 3;
