@@ -91,7 +91,7 @@ absl::StatusOr<std::vector<Start>> FindStarts(Connection& connection, const v1::
     std::memcpy(&t, hits.t().data() + 4 * i, 4);
     std::memcpy(normal, hits.normal().data() + 12 * i, 12);
     std::memcpy(&start.primitive, hits.primitive_id().data() + 4 * i, 4);
-    if (!std::isfinite(t)) continue;
+    if (!std::isfinite(t)) continue;  // a miss, or a hit so far away that where it is cannot be told from t
     const Vec3 direction = camera.Direction(i % kStartsSide, i / kStartsSide);
     start.point = Add(camera.eye(), Scale(direction, t));
     start.normal = {normal[0], normal[1], normal[2]};

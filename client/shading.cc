@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <span>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -22,6 +21,8 @@ constexpr double kDiffuse = 0.7;
 constexpr double kLightLeft = 0.48;
 constexpr double kLightUp = 0.6;
 constexpr double kLightBack = 0.64;
+
+constexpr uint32_t kNoPrimitive = 0xFFFFFFFF;
 
 // Linear light, 0 to 1, to sRGB.
 uint8_t ToSrgb(double linear) {
@@ -48,7 +49,10 @@ Shading::Shading(Shade shade, const Camera& camera, uint32_t width, uint32_t hei
   }
 }
 
-v1::HitColumn Shading::column() const { return shade_ == Shade::kDepth ? v1::HIT_COLUMN_T : v1::HIT_COLUMN_NORMAL; }
+std::vector<v1::HitColumn> Shading::columns() const {
+  if (shade_ == Shade::kDepth) return {v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID};
+  return {v1::HIT_COLUMN_NORMAL};
+}
 
 absl::Status Shading::Add(const v1::HitBatch& hits) {
   if (next_pixel_ + hits.ray_count() > image_.rgb.size() / 3) return LocalError("the server answered too many rays");
@@ -59,9 +63,20 @@ absl::Status Shading::Add(const v1::HitBatch& hits) {
 
 absl::Status Shading::AddDepths(const v1::HitBatch& hits) {
   if (hits.t().size() != hits.ray_count() * sizeof(float)) return BadColumn("t", hits.t().size(), hits.ray_count());
-  const std::span depths = std::span(depths_).subspan(next_pixel_, hits.ray_count());
-  std::memcpy(depths.data(), hits.t().data(), hits.t().size());
-  hit_count_ += std::count_if(depths.begin(), depths.end(), [](float t) { return std::isfinite(t); });
+  if (hits.primitive_id().size() != hits.ray_count() * sizeof(uint32_t)) {
+    return BadColumn("primitive_id", hits.primitive_id().size(), hits.ray_count());
+  }
+  for (uint32_t i = 0; i < hits.ray_count(); ++i) {
+    float t;
+    uint32_t primitive;
+    std::memcpy(&t, hits.t().data() + i * sizeof(t), sizeof(t));
+    std::memcpy(&primitive, hits.primitive_id().data() + i * sizeof(primitive), sizeof(primitive));
+    if (primitive == kNoPrimitive) continue;
+    ++hit_count_;
+    // A hit beyond float's range has an infinite t too.
+    constexpr float kFarthest = std::numeric_limits<float>::max();
+    depths_[next_pixel_ + i] = std::clamp(t, -kFarthest, kFarthest);
+  }
   return absl::OkStatus();
 }
 
@@ -90,17 +105,18 @@ absl::Status Shading::AddNormals(const v1::HitBatch& hits) {
 
 Image Shading::Finish() {
   if (shade_ != Shade::kDepth || hit_count_ == 0) return std::move(image_);
-  float nearest = std::numeric_limits<float>::infinity();
-  float farthest = -std::numeric_limits<float>::infinity();
-  for (const float t : depths_) {
+  // In double, where differences of floats do not overflow.
+  double nearest = std::numeric_limits<double>::infinity();
+  double farthest = -std::numeric_limits<double>::infinity();
+  for (const double t : depths_) {
     if (!std::isfinite(t)) continue;
     nearest = std::min(nearest, t);
     farthest = std::max(farthest, t);
   }
-  const float range = farthest > nearest ? farthest - nearest : 1;
+  const double range = farthest > nearest ? farthest - nearest : 1;
   for (size_t pixel = 0; pixel < depths_.size(); ++pixel) {
     if (!std::isfinite(depths_[pixel])) continue;
-    const float part = (depths_[pixel] - nearest) / range;
+    const double part = (depths_[pixel] - nearest) / range;
     std::fill_n(&image_.rgb[3 * pixel], 3, static_cast<uint8_t>(std::lround(240 - 180 * part)));
   }
   return std::move(image_);

@@ -28,10 +28,10 @@ class Shading {
  public:
   Shading(Shade shade, const Camera& camera, uint32_t width, uint32_t height);
 
-  // The one column that this shade needs.
-  v1::HitColumn column() const;
+  // The columns that this shade needs.
+  std::vector<v1::HitColumn> columns() const;
 
-  // Takes the hits of the next rays. A LocalError where the column has the wrong length.
+  // Takes the hits of the next rays. A LocalError where a column has the wrong length.
   absl::Status Add(const v1::HitBatch& hits);
 
   // Rays that hit so far.
@@ -49,7 +49,7 @@ class Shading {
   Image image_;
   // Unit direction to the light.
   Vec3 light_;
-  // Distance of each pixel; only for kDepth.
+  // Distance of each pixel, infinite where there is no hit; only for kDepth.
   std::vector<float> depths_;
   uint64_t next_pixel_ = 0;
   uint64_t hit_count_ = 0;

@@ -99,7 +99,7 @@ absl::Status Render(const RenderOptions& options, const Session& session) {
   // By id, so that a name that moves meanwhile does not bring in another mesh than the one that was framed.
   start.set_mesh(mesh.mesh().id());
   start.mutable_query()->set_layout(LayoutFor(mesh.mesh()));
-  start.mutable_query()->add_columns(shading.column());
+  for (const v1::HitColumn column : shading.columns()) start.mutable_query()->add_columns(column);
 
   CameraRays rays(*camera, options.camera, start.query().layout());
   const uint64_t pixels = uint64_t{width} * height;

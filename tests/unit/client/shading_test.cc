@@ -1,11 +1,14 @@
 #include "client/shading.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <limits>
 
 namespace deltaray {
 namespace {
+
+using ::testing::ElementsAre;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -28,11 +31,12 @@ std::vector<uint8_t> Pixel(const Image& image, size_t i) {
   return {image.rgb[3 * i], image.rgb[3 * i + 1], image.rgb[3 * i + 2]};
 }
 
+constexpr uint32_t kNone = 0xFFFFFFFF;
 const std::vector<uint8_t> kBackground = {24, 28, 38};
 
 TEST(ShadingTest, NormalsGiveColours) {
   Shading shading(Shade::kNormal, TestCamera(3, 1), 3, 1);
-  EXPECT_EQ(shading.column(), v1::HIT_COLUMN_NORMAL);
+  EXPECT_THAT(shading.columns(), ElementsAre(v1::HIT_COLUMN_NORMAL));
   v1::HitBatch hits;
   hits.set_ray_count(3);
   hits.set_normal(Bytes<float>({1, 0, 0, 0, 0, 0, 0, 0, -1}));
@@ -46,12 +50,14 @@ TEST(ShadingTest, NormalsGiveColours) {
 
 TEST(ShadingTest, DepthsRunFromLightToDarkOverBatches) {
   Shading shading(Shade::kDepth, TestCamera(2, 2), 2, 2);
-  EXPECT_EQ(shading.column(), v1::HIT_COLUMN_T);
+  EXPECT_THAT(shading.columns(), ElementsAre(v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID));
   v1::HitBatch hits;
   hits.set_ray_count(2);
   hits.set_t(Bytes<float>({7, kInfinity}));
+  hits.set_primitive_id(Bytes<uint32_t>({0, kNone}));
   ASSERT_TRUE(shading.Add(hits).ok());
   hits.set_t(Bytes<float>({3, 5}));
+  hits.set_primitive_id(Bytes<uint32_t>({1, 2}));
   ASSERT_TRUE(shading.Add(hits).ok());
   EXPECT_EQ(shading.hit_count(), 3u);
   const Image image = shading.Finish();
@@ -59,6 +65,21 @@ TEST(ShadingTest, DepthsRunFromLightToDarkOverBatches) {
   EXPECT_EQ(Pixel(image, 1), kBackground);
   EXPECT_EQ(Pixel(image, 2)[0], 240);
   EXPECT_EQ(Pixel(image, 3)[0], 150);
+}
+
+// The server rounds their t to infinity, as which a miss has it too.
+TEST(ShadingTest, HitsBeyondFloatAreTheFarthest) {
+  Shading shading(Shade::kDepth, TestCamera(3, 1), 3, 1);
+  v1::HitBatch hits;
+  hits.set_ray_count(3);
+  hits.set_t(Bytes<float>({-std::numeric_limits<float>::max(), kInfinity, kInfinity}));
+  hits.set_primitive_id(Bytes<uint32_t>({0, 1, kNone}));
+  ASSERT_TRUE(shading.Add(hits).ok());
+  EXPECT_EQ(shading.hit_count(), 2u);
+  const Image image = shading.Finish();
+  EXPECT_EQ(Pixel(image, 0)[0], 240);
+  EXPECT_EQ(Pixel(image, 1)[0], 60);
+  EXPECT_EQ(Pixel(image, 2), kBackground);
 }
 
 TEST(ShadingTest, LambertLightsBothSidesAlike) {
@@ -79,6 +100,7 @@ TEST(ShadingTest, PictureWithoutHitsIsBackground) {
   v1::HitBatch hits;
   hits.set_ray_count(1);
   hits.set_t(Bytes<float>({kInfinity}));
+  hits.set_primitive_id(Bytes<uint32_t>({kNone}));
   ASSERT_TRUE(shading.Add(hits).ok());
   EXPECT_EQ(shading.hit_count(), 0u);
   EXPECT_EQ(Pixel(shading.Finish(), 0), kBackground);
@@ -90,6 +112,9 @@ TEST(ShadingTest, RefusesColumnsOfWrongLengthAndTooManyRays) {
   hits.set_ray_count(1);
   hits.set_normal(Bytes<float>({1, 0}));
   EXPECT_FALSE(shading.Add(hits).ok());
+  Shading depth(Shade::kDepth, TestCamera(1, 1), 1, 1);
+  hits.set_t(Bytes<float>({1}));
+  EXPECT_FALSE(depth.Add(hits).ok());
   Shading small(Shade::kDepth, TestCamera(1, 1), 1, 1);
   hits.set_ray_count(2);
   hits.set_t(Bytes<float>({1, 0}));
