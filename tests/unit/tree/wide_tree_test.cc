@@ -155,6 +155,59 @@ TEST_P(WideTreeTest, AClosedMeshDoesNotLeak) {
   }
 }
 
+// A pyramid whose base is divided around a triangle so small that float's determinants are near their end; at kExact
+// beyond it, where kWatertight would have a hole.
+TEST_P(WideTreeTest, AClosedMeshWithATinyTriangleDoesNotLeak) {
+  for (const auto& [half, level] :
+       {std::pair(0x1p-60f, AccuracyLevel::kWatertight), std::pair(0x1p-70f, AccuracyLevel::kExact)}) {
+    SmallScene scene;
+    const Vec3f outer[] = {{-1, -1, 0}, {1, -1, 0}, {0, 1, 0}}, apex{0, 0, -1};
+    const Vec3f inner[] = {half * outer[0], half * outer[1], half * outer[2]};
+    scene.Add({inner[0], inner[1], inner[2]});
+    for (int i = 0, next = 1; i < 3; ++i, next = (next + 1) % 3) {
+      scene.Add({outer[i], outer[next], inner[next]});
+      scene.Add({outer[i], inner[next], inner[i]});
+      scene.Add({outer[next], outer[i], apex});
+    }
+    const WideTree tree = MakeWide(scene.view(), 2, 0, GetParam());
+    // Through its middle from many sides, from outside and from within, and side by side through and around it.
+    std::vector<Ray> rays;
+    for (const Vec3f from : {Vec3f{0, 0, 1},
+                             {0.5f, 0.25f, 1},
+                             {-0.3f, 0.7f, 1},
+                             {2, 1, 0.5f},
+                             {0.25f, -1, 0.125f},
+                             {0, 0.125f, -0.25f},
+                             {0.07f, 0, -0.5f},
+                             {0, 0, -0.5f}}) {
+      rays.insert(rays.end(), 16, {.origin = from, .direction = -1.0f * from});
+    }
+    for (int x = -8; x <= 8; ++x) {
+      for (int y = -8; y <= 8; ++y) {
+        rays.push_back({.origin = {0.25f * half * x, 0.25f * half * y, 1}, .direction = {0, 0, -1}});
+      }
+    }
+    std::vector<Hit> hits(rays.size()), expected(rays.size());
+    std::vector<uint8_t> any(rays.size());
+    BruteForce(scene.view()).ClosestHits(rays, {}, expected);
+    EXPECT_EQ(expected[0].primitive, 0u);
+    for (const Traversal traversal : kTraversals) {
+      const QueryOptions options{.accuracy = level, .traversal = traversal};
+      tree.ClosestHits(rays, options, hits);
+      tree.AnyHits(rays, options, any);
+      for (size_t i = 0; i < rays.size(); ++i) {
+        SCOPED_TRACE(testing::Message() << "half width " << half << ", traversal " << static_cast<int>(traversal)
+                                        << ", ray " << i);
+        EXPECT_NEAR(hits[i].t, 1, 1e-6);
+        EXPECT_EQ(any[i], 1);
+        if (level == AccuracyLevel::kExact) {
+          EXPECT_EQ(hits[i], expected[i]);
+        }
+      }
+    }
+  }
+}
+
 TEST_P(WideTreeTest, ExcludedPrimitivesAreSkippedAtEveryLevel) {
   SmallScene scene;
   for (int i = 0; i < 20; ++i) {
