@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <iterator>
 #include <limits>
-#include <span>
 #include <utility>
 
 #include "absl/strings/str_format.h"
@@ -41,50 +41,21 @@ bool IsCulled(const Hit& hit, Culling culling) {
   return culling == Culling::kBack ? hit.back : culling == Culling::kFront && !hit.back;
 }
 
-}  // namespace
-
-ReferenceAnswers::ReferenceAnswers(TrianglesView triangles, std::vector<Ray> rays) : rays_(std::move(rays)) {
-  std::vector<uint32_t> counts(rays_.size());
-  QueryOptions options;
-  options.max_hits_per_ray = kNoCap;
-  BruteForce(triangles).AllHits(rays_, options, &hits_, counts);
-  begin_ = {0};
-  for (const uint32_t count : counts) begin_.push_back(begin_.back() + count);
-}
-
-testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first, size_t stride,
-                                                 Traversal traversal) const {
-  std::vector<Ray> rays;
-  std::vector<std::span<const Hit>> expected;
-  for (size_t i = first; i < rays_.size(); i += stride) {
-    rays.push_back(rays_[i]);
-    expected.emplace_back(hits_.data() + begin_[i], begin_[i + 1] - begin_[i]);
-  }
+// Whether `tree` answers all four kinds of query as expected: expected[i] are all hits of rays[i], in order.
+testing::AssertionResult MatchHits(const Tree& tree, const std::vector<Ray>& rays,
+                                   const std::vector<std::vector<Hit>>& expected, QueryOptions options) {
   const size_t n = rays.size();
-
-  for (const Culling culling : {Culling::kNone, Culling::kBack, Culling::kFront}) {
-    QueryOptions options;
-    options.culling = culling;
-    options.traversal = traversal;
-    std::vector<Hit> closest(n);
-    tree.ClosestHits(rays, options, closest);
-    for (size_t i = 0; i < n; ++i) {
-      const auto hit =
-          std::find_if(expected[i].begin(), expected[i].end(), [&](const Hit& h) { return !IsCulled(h, culling); });
-      const Hit nearest = hit == expected[i].end() ? Hit() : *hit;
-      if (!SameBits(nearest, closest[i])) {
-        return Differs("the closest hit", rays[i], Describe(nearest), Describe(closest[i]));
-      }
-    }
-  }
-
+  std::vector<Hit> closest(n);
   std::vector<uint8_t> any(n);
-  QueryOptions any_options;
-  any_options.traversal = traversal;
-  tree.AnyHits(rays, any_options, any);
   std::vector<uint32_t> counts(n);
-  tree.CountHits(rays, {}, counts);
+  tree.ClosestHits(rays, options, closest);
+  tree.AnyHits(rays, options, any);
+  tree.CountHits(rays, options, counts);
   for (size_t i = 0; i < n; ++i) {
+    const Hit nearest = expected[i].empty() ? Hit() : expected[i].front();
+    if (!SameBits(nearest, closest[i])) {
+      return Differs("the closest hit", rays[i], Describe(nearest), Describe(closest[i]));
+    }
     const int hit = expected[i].empty() ? 0 : 1;
     if (any[i] != hit) return Differs("any hit", rays[i], absl::StrFormat("%d", hit), absl::StrFormat("%d", any[i]));
     if (counts[i] != expected[i].size()) {
@@ -93,7 +64,6 @@ testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first,
   }
 
   for (const uint32_t cap : {kNoCap, kCap}) {
-    QueryOptions options;
     options.max_hits_per_ray = cap;
     std::vector<Hit> hits;
     tree.AllHits(rays, options, &hits, counts);
@@ -111,6 +81,36 @@ testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first,
       }
     }
     if (next != hits.size()) return testing::AssertionFailure() << "all hits has " << hits.size() - next << " too many";
+  }
+  return testing::AssertionSuccess();
+}
+
+}  // namespace
+
+ReferenceAnswers::ReferenceAnswers(TrianglesView triangles, std::vector<Ray> rays) : rays_(std::move(rays)) {
+  std::vector<uint32_t> counts(rays_.size());
+  QueryOptions options;
+  options.max_hits_per_ray = kNoCap;
+  BruteForce(triangles).AllHits(rays_, options, &hits_, counts);
+  begin_ = {0};
+  for (const uint32_t count : counts) begin_.push_back(begin_.back() + count);
+}
+
+testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first, size_t stride,
+                                                 Traversal traversal) const {
+  std::vector<Ray> rays;
+  for (size_t i = first; i < rays_.size(); i += stride) rays.push_back(rays_[i]);
+  for (const Culling culling : {Culling::kNone, Culling::kBack, Culling::kFront}) {
+    std::vector<std::vector<Hit>> expected;
+    for (size_t i = first; i < rays_.size(); i += stride) {
+      std::vector<Hit>& left = expected.emplace_back();
+      std::copy_if(hits_.begin() + begin_[i], hits_.begin() + begin_[i + 1], std::back_inserter(left),
+                   [&](const Hit& hit) { return !IsCulled(hit, culling); });
+    }
+    const testing::AssertionResult result =
+        MatchHits(tree, rays, expected, {.culling = culling, .traversal = traversal});
+    if (!result)
+      return testing::AssertionFailure() << "culling " << static_cast<int>(culling) << ": " << result.message();
   }
   return testing::AssertionSuccess();
 }
