@@ -11,6 +11,7 @@
 #include "grpcpp/resource_quota.h"
 #include "grpcpp/server.h"
 #include "grpcpp/server_builder.h"
+#include "server/geometry/float_environment.h"
 #include "server/service/authenticator.h"
 #include "server/service/call_log.h"
 #include "server/service/calls.h"
@@ -236,6 +237,11 @@ class GrpcServer final : public Server {
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, std::shared_ptr<Metrics> metrics,
                                                     std::unique_ptr<MeshStore> store) {
+  if (const char* const fault = FloatEnvironmentFault()) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("floating-point arithmetic is not as IEEE 754 has it: ", fault,
+                     "; a library that is preloaded, or was compiled with -ffast-math, may have set that"));
+  }
   absl::StatusOr<Security> security = ReadSecurity(options.security, options.listen);
   if (!security.ok()) return security.status();
   auto server = std::make_unique<GrpcServer>(options, *std::move(security), std::move(metrics), std::move(store));

@@ -50,8 +50,9 @@ struct ServerOptions {
 // A running server. All methods are thread-safe.
 class Server {
  public:
-  // Opens the store and listens. UNAVAILABLE where the address cannot be had; INVALID_ARGUMENT, naming flag and file,
-  // where a file of `security` is of no use.
+  // Opens the store and listens. FAILED_PRECONDITION where the calling thread's floating-point arithmetic, which all
+  // threads of the server inherit, cannot give right answers; UNAVAILABLE where the address cannot be had;
+  // INVALID_ARGUMENT, naming flag and file, where a file of `security` is of no use.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   // The same over a store that is open already.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options, std::unique_ptr<MeshStore> store);

@@ -1,7 +1,9 @@
 #include "server/service/server.h"
 
 #include <atomic>
+#include <cfenv>
 #include <future>
+#include <thread>
 
 #include "gmock/gmock.h"
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -207,6 +209,19 @@ TEST_F(ServerTest, ATakenPortFailsClearly) {
   const auto second = Server::Start(options);
   EXPECT_EQ(second.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(second.status().message()), HasSubstr(options.listen));
+}
+
+// Its threads would inherit it.
+TEST_F(ServerTest, DoesNotStartWhereArithmeticIsNotIeee) {
+  options_.listen = "127.0.0.1:0";
+  options_.store.data_directory = directory_;
+  absl::Status status;
+  std::thread([&] {
+    std::fesetround(FE_UPWARD);
+    status = Server::Start(options_).status();
+  }).join();
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("does not round to nearest"));
 }
 
 // Some 5 MB of zeros in 5 kB of gzip, and there is no end to it.
