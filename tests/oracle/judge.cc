@@ -16,11 +16,14 @@ Verdict Judge(const Oracle& oracle, const Ray& ray, const std::optional<OracleHi
 }
 
 bool IsRight(const std::optional<OracleHit>& truth, const Hit& hit) {
-  constexpr double kMaxUvError = 0x1p-24;
-  if (!truth) return !hit.IsHit() && hit.t == std::numeric_limits<float>::infinity();
-  return hit.primitive == truth->primitive && hit.back == truth->back && StepsApart(hit.t, truth->t) == 0 &&
-         !(hit.t == 0 && std::signbit(hit.t)) && std::abs(hit.u - truth->u) <= kMaxUvError &&
-         std::abs(hit.v - truth->v) <= kMaxUvError;
+  // Unlike ==, tells +0 from -0.
+  const auto same = [](float a, float b) { return std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b); };
+  if (!truth) {
+    return !hit.IsHit() && same(hit.t, std::numeric_limits<float>::infinity()) && same(hit.u, 0) && same(hit.v, 0) &&
+           !hit.back;
+  }
+  return hit.primitive == truth->primitive && hit.back == truth->back && same(hit.t, truth->t) &&
+         same(hit.u, truth->rounded_u) && same(hit.v, truth->rounded_v);
 }
 
 std::string Describe(const Ray& ray, const std::optional<OracleHit>& truth, const Hit& hit) {

@@ -23,8 +23,8 @@ enum class Verdict : uint8_t {
 // Of the primitive answered for the closest hit of `ray` (kNoPrimitive: a miss), whose right answer is `truth`.
 Verdict Judge(const Oracle& oracle, const Ray& ray, const std::optional<OracleHit>& truth, uint32_t primitive);
 
-// Whether an answer, of a closest hit or of one of all, is right at AccuracyLevel::kExact: all of it, t to the bit, u
-// and v within 2^-24.
+// Whether an answer, of a closest hit or of one of all, is right at AccuracyLevel::kExact: all of it, to the bit. A
+// miss has an infinite t and zeros.
 bool IsRight(const std::optional<OracleHit>& truth, const Hit& hit);
 
 // The ray, the truth and the answer, for the message of a failed test: floats as hexadecimal, so that none is rounded.

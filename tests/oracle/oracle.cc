@@ -16,7 +16,13 @@ struct Found {
   Possible bounds;
 
   OracleHit Rounded() const {
-    return {RoundToFloat(hit.t), Approximate(hit.u), Approximate(hit.v), bounds.primitive, hit.back};
+    return {.t = RoundToFloat(hit.t),
+            .rounded_u = RoundToFloat(hit.u),
+            .rounded_v = RoundToFloat(hit.v),
+            .u = Approximate(hit.u),
+            .v = Approximate(hit.v),
+            .primitive = bounds.primitive,
+            .back = hit.back};
   }
 };
 

@@ -15,8 +15,9 @@
 namespace deltaray {
 
 struct OracleHit {
-  float t = 0;          // exact t, rounded to nearest even; never -0
-  double u = 0, v = 0;  // exact u and v, within 2^-50
+  float t = 0;                         // exact t, rounded to nearest even; never -0
+  float rounded_u = 0, rounded_v = 0;  // likewise
+  double u = 0, v = 0;                 // exact u and v, within 2^-50
   uint32_t primitive = kNoPrimitive;
   bool back = false;
 };

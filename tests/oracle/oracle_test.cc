@@ -1,6 +1,8 @@
 #include "tests/oracle/oracle.h"
 
 #include <algorithm>
+#include <cmath>
+#include <optional>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -96,6 +98,29 @@ TEST(JudgeTest, TellsMistakesApart) {
   EXPECT_EQ(Judge(oracle, ray, truth, kNoPrimitive), Verdict::kFalseMiss);
   EXPECT_EQ(Judge(oracle, away, std::nullopt, kNoPrimitive), Verdict::kRight);
   EXPECT_EQ(Judge(oracle, away, std::nullopt, 1), Verdict::kFalseHit);
+}
+
+TEST(JudgeTest, IsRightToTheBit) {
+  const TriangleMesh mesh = Squares();
+  const Oracle oracle(mesh.triangles());
+  const auto truth = oracle.ClosestHit({.origin = {0, 0.625f, 0}, .direction = {1, 0, 3}});
+  const Hit right{.t = 1.0f / 3, .u = 7.0f / 24, .v = 1.0f / 3, .primitive = 2};
+  const auto with = [](Hit hit, auto Hit::*member, auto value) {
+    hit.*member = value;
+    return hit;
+  };
+  EXPECT_TRUE(IsRight(truth, right)) << Describe({}, truth, right);
+  EXPECT_FALSE(IsRight(truth, with(right, &Hit::t, std::nextafter(right.t, 1.0f))));
+  EXPECT_FALSE(IsRight(truth, with(right, &Hit::u, std::nextafter(right.u, 1.0f))));
+  EXPECT_FALSE(IsRight(truth, with(right, &Hit::v, std::nextafter(right.v, 0.0f))));
+  EXPECT_FALSE(IsRight(truth, with(right, &Hit::primitive, 4u)));
+  EXPECT_FALSE(IsRight(truth, with(right, &Hit::back, true)));
+  EXPECT_TRUE(IsRight(std::nullopt, Hit()));
+  EXPECT_FALSE(IsRight(std::nullopt, right));
+  EXPECT_FALSE(IsRight(std::nullopt, with(Hit(), &Hit::t, 1.0f)));
+  EXPECT_FALSE(IsRight(std::nullopt, with(Hit(), &Hit::u, 0.5f)));
+  EXPECT_FALSE(IsRight(std::nullopt, with(Hit(), &Hit::v, -0.0f)));
+  EXPECT_FALSE(IsRight(std::nullopt, with(Hit(), &Hit::back, true)));
 }
 
 TEST(JudgeTest, CountsStepsOfFloat) {
