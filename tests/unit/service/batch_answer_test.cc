@@ -50,8 +50,9 @@ v1::RayBatch Batch(const std::vector<float>& numbers) {
 }
 
 // Answers on the threads of a tracer.
-absl::StatusOr<v1::HitBatch> Answer(const TreeSnapshot& snapshot, const BatchQuery& query, const v1::RayBatch& batch,
-                                    const BatchLimits& limits = {}, std::function<bool()> cancelled = nullptr) {
+absl::StatusOr<v1::HitBatch> AnswerRays(const TreeSnapshot& snapshot, const BatchQuery& query,
+                                        const v1::RayBatch& batch, const BatchLimits& limits = {},
+                                        std::function<bool()> cancelled = nullptr) {
   if (!cancelled) cancelled = [] { return false; };
   absl::StatusOr<BatchAnswer> answer = absl::UnknownError("not run");
   Tracer tracer(2);
@@ -69,7 +70,7 @@ class BatchAnswerTest : public testing::Test {
 };
 
 TEST_F(BatchAnswerTest, ClosestHitsAreThoseOfTheTree) {
-  const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_));
+  const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_));
   ASSERT_TRUE(answer.ok()) << answer.status();
   std::vector<Hit> hits(rays_.size());
   snapshot_->tree->ClosestHits(rays_, {}, hits);
@@ -86,8 +87,8 @@ TEST_F(BatchAnswerTest, ClosestHitsAreThoseOfTheTree) {
 }
 
 TEST_F(BatchAnswerTest, AnyHitsAndCountsAreThoseOfTheTree) {
-  const auto any = Answer(*snapshot_, Query(v1::QUERY_KIND_ANY_HIT), Batch(numbers_));
-  const auto count = Answer(*snapshot_, Query(v1::QUERY_KIND_COUNT_HITS), Batch(numbers_));
+  const auto any = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_ANY_HIT), Batch(numbers_));
+  const auto count = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_COUNT_HITS), Batch(numbers_));
   ASSERT_TRUE(any.ok() && count.ok());
   std::vector<uint32_t> expected(rays_.size());
   snapshot_->tree->CountHits(rays_, {}, expected);
@@ -99,7 +100,7 @@ TEST_F(BatchAnswerTest, AnyHitsAndCountsAreThoseOfTheTree) {
 TEST_F(BatchAnswerTest, AllHitsAreInCsrFormAcrossPieces) {
   // 70,000 hits a ray make pieces of 16 rays, so that there are many.
   for (uint32_t max_hits : {0u, 65'536u, 3u}) {
-    const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS, max_hits), Batch(numbers_));
+    const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS, max_hits), Batch(numbers_));
     ASSERT_TRUE(answer.ok()) << answer.status();
     QueryOptions options;
     options.max_hits_per_ray = max_hits == 0 ? 64 : max_hits;
@@ -124,11 +125,11 @@ TEST_F(BatchAnswerTest, AllHitsAreInCsrFormAcrossPieces) {
 }
 
 TEST_F(BatchAnswerTest, AnEmptyBatchHasAnEmptyAnswer) {
-  const auto closest = Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), {});
+  const auto closest = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), {});
   ASSERT_TRUE(closest.ok());
   EXPECT_EQ(closest->ray_count(), 0u);
   EXPECT_TRUE(closest->t().empty());
-  const auto all = Answer(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS), {});
+  const auto all = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS), {});
   ASSERT_TRUE(all.ok());
   EXPECT_EQ(all->offsets(), Bytes<uint32_t>({0}));
 }
@@ -137,7 +138,7 @@ TEST_F(BatchAnswerTest, NamesTheFirstBadRayOfAll) {
   for (int repeat = 0; repeat < 20; ++repeat) {
     std::vector<float> numbers = numbers_;
     for (size_t ray : {700, 1500, 2900}) numbers[6 * ray + 1] = std::numeric_limits<float>::quiet_NaN();
-    const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers));
+    const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers));
     EXPECT_EQ(answer.status(), absl::InvalidArgumentError("rays.rays: ray 700: origin.y is NaN"));
   }
 }
@@ -145,41 +146,42 @@ TEST_F(BatchAnswerTest, NamesTheFirstBadRayOfAll) {
 TEST_F(BatchAnswerTest, ReplyOfKnownSizeOverTheLimitIsRefusedBeforeAnyRayIsTraced) {
   BatchLimits limits;
   limits.max_message_bytes = 3000 * 17 + 511;
-  const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), limits, [] {
+  const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), limits, [] {
     ADD_FAILURE() << "traced";
     return false;
   });
   EXPECT_EQ(answer.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(std::string(answer.status().message()), HasSubstr("over the limit of 51511 bytes a message"));
   limits.max_message_bytes = 3000 * 17 + 512;
-  EXPECT_TRUE(Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), limits).ok());
+  EXPECT_TRUE(AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), limits).ok());
 }
 
 TEST_F(BatchAnswerTest, AllHitsOverTheLimitEndEarly) {
   BatchLimits limits;
   limits.max_message_bytes = 3000 * 8 + 512 + 1000;
-  const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS), Batch(numbers_), limits);
+  const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_ALL_HITS), Batch(numbers_), limits);
   EXPECT_EQ(answer.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_THAT(std::string(answer.status().message()), HasSubstr("bytes a message"));
 }
 
 TEST_F(BatchAnswerTest, AllHitsThatJustFitAreAnswered) {
   const BatchQuery query = Query(v1::QUERY_KIND_ALL_HITS);
-  const auto answer = Answer(*snapshot_, query, Batch(numbers_));
+  const auto answer = AnswerRays(*snapshot_, query, Batch(numbers_));
   ASSERT_TRUE(answer.ok()) << answer.status();
   const uint64_t hits = Numbers<float>(answer->t()).size();
   ASSERT_GT(hits, 1000u);
   BatchLimits limits;
   limits.max_message_bytes = rays_.size() * BytesPerRay(query) + 512 + hits * BytesPerHit(query);
-  EXPECT_TRUE(Answer(*snapshot_, query, Batch(numbers_), limits).ok());
+  EXPECT_TRUE(AnswerRays(*snapshot_, query, Batch(numbers_), limits).ok());
   --limits.max_message_bytes;
-  EXPECT_EQ(Answer(*snapshot_, query, Batch(numbers_), limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(AnswerRays(*snapshot_, query, Batch(numbers_), limits).status().code(),
+            absl::StatusCode::kResourceExhausted);
 }
 
 TEST_F(BatchAnswerTest, EndsSoonOnceCancelled) {
   std::atomic<int> asked{0};
-  const auto answer = Answer(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), {},
-                             [&asked] { return asked.fetch_add(1) >= 1; });
+  const auto answer = AnswerRays(*snapshot_, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(numbers_), {},
+                                 [&asked] { return asked.fetch_add(1) >= 1; });
   EXPECT_EQ(answer.status().code(), absl::StatusCode::kCancelled);
   EXPECT_LE(asked.load(), 6);
 }
@@ -191,7 +193,7 @@ TEST_F(BatchAnswerTest, RaysAreInTheCoordinatesOfTheFile) {
   v1_query.set_layout(v1::RAY_LAYOUT_FLOAT64X6);
   v1::RayBatch batch;
   batch.set_rays(Bytes<double>({1e7 + 0.25, 2e7 + 0.125, 5, 0, 0, -1}));
-  const auto answer = Answer(*BruteForceSnapshot(mesh), *ReadQuery(v1_query), batch);
+  const auto answer = AnswerRays(*BruteForceSnapshot(mesh), *ReadQuery(v1_query), batch);
   ASSERT_TRUE(answer.ok()) << answer.status();
   EXPECT_EQ(answer->t(), Bytes<float>({5}));
   EXPECT_EQ(answer->uv(), Bytes<float>({0.125f, 0.125f}));
