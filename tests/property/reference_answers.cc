@@ -14,6 +14,8 @@ namespace {
 
 constexpr uint32_t kNoCap = std::numeric_limits<uint32_t>::max();
 constexpr uint32_t kCap = 3;
+// One in so many rays is asked with culling too.
+constexpr size_t kCulledStride = 4;
 
 // Unlike ==, tells +0 from -0.
 bool SameBits(const Hit& a, const Hit& b) {
@@ -98,11 +100,11 @@ ReferenceAnswers::ReferenceAnswers(TrianglesView triangles, std::vector<Ray> ray
 
 testing::AssertionResult ReferenceAnswers::Match(const Tree& tree, size_t first, size_t stride,
                                                  Traversal traversal) const {
-  std::vector<Ray> rays;
-  for (size_t i = first; i < rays_.size(); i += stride) rays.push_back(rays_[i]);
   for (const Culling culling : {Culling::kNone, Culling::kBack, Culling::kFront}) {
+    std::vector<Ray> rays;
     std::vector<std::vector<Hit>> expected;
-    for (size_t i = first; i < rays_.size(); i += stride) {
+    for (size_t i = first; i < rays_.size(); i += culling == Culling::kNone ? stride : kCulledStride * stride) {
+      rays.push_back(rays_[i]);
       std::vector<Hit>& left = expected.emplace_back();
       std::copy_if(hits_.begin() + begin_[i], hits_.begin() + begin_[i + 1], std::back_inserter(left),
                    [&](const Hit& hit) { return !IsCulled(hit, culling); });

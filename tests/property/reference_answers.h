@@ -21,8 +21,8 @@ class ReferenceAnswers {
 
   const std::vector<Ray>& rays() const { return rays_; }
 
-  // Whether `tree` answers every `stride`-th ray, from `first` on, as brute force does, bit for bit: all four kinds
-  // with each culling, all hits also with a cap. Says how the first wrong ray differs.
+  // Whether `tree` answers every `stride`-th ray, from `first` on, as brute force does, bit for bit: all four kinds,
+  // all hits also with a cap, and some of the rays with each culling. Says how the first wrong ray differs.
   testing::AssertionResult Match(const Tree& tree, size_t first = 0, size_t stride = 1,
                                  Traversal traversal = Traversal::kAuto) const;
 
