@@ -9,7 +9,7 @@
 #include "server/service/mesh_messages.h"
 #include "server/service/unary_call.h"
 #include "server/service/watch_call.h"
-#include "spdlog/spdlog.h"
+#include "server/store/mesh_name.h"
 
 namespace deltaray {
 namespace {
@@ -19,12 +19,6 @@ constexpr uint32_t kMaxPageSize = 1000;
 // Bytes of a page besides its meshes, and of a mesh's tag and length, at most.
 constexpr uint64_t kPageOverheadBytes = 100;
 constexpr uint64_t kMeshOverheadBytes = 11;
-
-// A page token is the id of the last mesh of the page before.
-bool IsPageToken(const std::string& token) {
-  return token.size() == 64 && std::all_of(token.begin(), token.end(),
-                                           [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
-}
 
 }  // namespace
 
@@ -52,7 +46,8 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext* 
       calls_, {"MeshService/ListMeshes", context}, nullptr, backend_.max_message_bytes, request, response,
       [store = backend_.store, max_bytes = backend_.max_message_bytes](
           const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
-        if (!list.page_token().empty() && !IsPageToken(list.page_token())) {
+        // A token is the id of the last mesh of the page before.
+        if (!list.page_token().empty() && !IsMeshId(list.page_token())) {
           return absl::InvalidArgumentError("page_token: not one that this service gave out");
         }
         const uint32_t size = list.page_size() == 0 ? kDefaultPageSize : std::min(list.page_size(), kMaxPageSize);
@@ -97,7 +92,6 @@ grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* 
       [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
         absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
         if (!id.ok()) return id.status();
-        spdlog::info("deleted {}", *id);
         v1::DeleteMeshResponse reply;
         reply.set_id(*std::move(id));
         return reply;

@@ -8,7 +8,6 @@
 #include "server/service/mesh_messages.h"
 #include "server/service/message_bytes.h"
 #include "server/service/message_fields.h"
-#include "spdlog/spdlog.h"
 
 namespace deltaray {
 namespace {
@@ -120,8 +119,6 @@ absl::Status UploadCall::Commit() {
   options_.read.cancelled = [this] { return cancelled(); };
   absl::StatusOr<Upload::Committed> committed = upload_->Commit(std::move(options_));
   if (!committed.ok()) return committed.status();
-  spdlog::info("uploaded {}: {} triangles, {}", committed->info.id, committed->info.triangle_count,
-               committed->created ? "new" : "there already");
 
   v1::UploadMeshResponse response;
   *response.mutable_mesh() = ToMessage(committed->info);

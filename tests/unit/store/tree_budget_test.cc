@@ -80,7 +80,8 @@ TEST(TreeBudgetTest, WhatWasDroppedIsWaitedForBeforeMoreIsDropped) {
   std::atomic<int> dropped{0};
   const auto budget = std::make_shared<TreeBudget>(100, [&](uint64_t bytes) {
     EXPECT_EQ(bytes, 20u);
-    in_use[dropped++]->Retire();
+    in_use[dropped]->Retire();
+    ++dropped;
     return true;
   });
   for (int i = 0; i < 4; ++i) in_use.push_back(*budget->Reserve(25, "a", kNever));
