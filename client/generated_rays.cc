@@ -1,8 +1,8 @@
 #include "client/generated_rays.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -11,6 +11,7 @@
 
 #include "client/camera.h"
 #include "client/exit_code.h"
+#include "client/hit_column.h"
 #include "client/vec3.h"
 
 namespace deltaray {
@@ -86,11 +87,10 @@ absl::StatusOr<std::vector<Start>> FindStarts(Connection& connection, const v1::
 
   std::vector<Start> starts;
   for (size_t i = 0; i < kRays; ++i) {
-    float t, normal[3];
+    const auto t = RowAt<float>(hits.t(), i);
+    const auto normal = RowAt<std::array<float, 3>>(hits.normal(), i);
     Start start;
-    std::memcpy(&t, hits.t().data() + 4 * i, 4);
-    std::memcpy(normal, hits.normal().data() + 12 * i, 12);
-    std::memcpy(&start.primitive, hits.primitive_id().data() + 4 * i, 4);
+    start.primitive = RowAt<uint32_t>(hits.primitive_id(), i);
     if (!std::isfinite(t)) continue;  // a miss, or a hit so far away that where it is cannot be told from t
     const Vec3 direction = camera.Direction(i % kStartsSide, i / kStartsSide);
     start.point = Add(camera.eye(), Scale(direction, t));

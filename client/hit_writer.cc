@@ -1,24 +1,20 @@
 #include "client/hit_writer.h"
 
 #include <algorithm>
-#include <bit>
 #include <charconv>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "client/enum_names.h"
 #include "client/exit_code.h"
+#include "client/hit_column.h"
 #include "client/output_file.h"
 
 namespace deltaray {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "the wire's numbers are copied as they are");
-
-constexpr uint32_t kNone = 0xFFFFFFFF;
 constexpr uint8_t kFlagHit = 1;
 constexpr uint8_t kFlagBack = 2;
 
@@ -51,13 +47,6 @@ Column ColumnOf(const v1::HitBatch& hits, v1::HitColumn column) {
     default:
       return {hits.count(), sizeof(uint32_t)};
   }
-}
-
-template <typename T>
-T At(const std::string& bytes, size_t index) {
-  T value;
-  std::memcpy(&value, bytes.data() + index * sizeof(T), sizeof(T));
-  return value;
 }
 
 // Names of the text columns of one column of the reply.
@@ -103,7 +92,7 @@ class TextRow {
   void AddInteger(absl::string_view name, uint64_t value) { Add(name, absl::StrCat(value)); }
 
   void AddId(absl::string_view name, uint32_t id) {
-    if (id == kNone && format_ == HitFormat::kJson) {
+    if (id == kNoId && format_ == HitFormat::kJson) {
       Add(name, "null");
     } else {
       AddInteger(name, id);
@@ -191,8 +180,8 @@ absl::Status HitWriter::Write(const v1::HitBatch& hits) {
   AppendHeader();
   const bool all_hits = kind_ == v1::QUERY_KIND_ALL_HITS;
   for (uint32_t i = 0; i < hits.ray_count(); ++i) {
-    const size_t begin = all_hits ? At<uint32_t>(hits.offsets(), i) : i;
-    const size_t end = all_hits ? At<uint32_t>(hits.offsets(), i + 1) : i + 1;
+    const size_t begin = all_hits ? RowAt<uint32_t>(hits.offsets(), i) : i;
+    const size_t end = all_hits ? RowAt<uint32_t>(hits.offsets(), i + 1) : i + 1;
     for (size_t row = begin; row < end; ++row) AppendRow(hits, i, row);
   }
   next_ray_ += hits.ray_count();
@@ -214,7 +203,7 @@ absl::Status HitWriter::Check(const v1::HitBatch& hits) const {
     }
     uint32_t last = 0;
     for (uint64_t i = 0; i <= rays; ++i) {
-      const uint32_t offset = At<uint32_t>(hits.offsets(), i);
+      const uint32_t offset = RowAt<uint32_t>(hits.offsets(), i);
       if (offset < last || (i == 0 && offset != 0)) {
         return LocalError(absl::StrCat("the server's reply has offset ", offset, " at ", i, ", after ", last));
       }
@@ -252,32 +241,32 @@ void HitWriter::AppendTextRow(const v1::HitBatch& hits, uint32_t ray, size_t row
     const std::string& bytes = ColumnOf(hits, column).bytes;
     switch (column) {
       case v1::HIT_COLUMN_T:
-        line.AddFloat("t", At<float>(bytes, row));
+        line.AddFloat("t", RowAt<float>(bytes, row));
         break;
       case v1::HIT_COLUMN_PRIMITIVE_ID:
-        line.AddId("primitive_id", At<uint32_t>(bytes, row));
+        line.AddId("primitive_id", RowAt<uint32_t>(bytes, row));
         break;
       case v1::HIT_COLUMN_FACE_ID:
-        line.AddId("face_id", At<uint32_t>(bytes, row));
+        line.AddId("face_id", RowAt<uint32_t>(bytes, row));
         break;
       case v1::HIT_COLUMN_GROUP_ID:
-        line.AddId("group_id", At<uint32_t>(bytes, row));
+        line.AddId("group_id", RowAt<uint32_t>(bytes, row));
         break;
       case v1::HIT_COLUMN_UV:
-        line.AddFloat("u", At<float>(bytes, 2 * row));
-        line.AddFloat("v", At<float>(bytes, 2 * row + 1));
+        line.AddFloat("u", RowAt<float>(bytes, 2 * row));
+        line.AddFloat("v", RowAt<float>(bytes, 2 * row + 1));
         break;
       case v1::HIT_COLUMN_NORMAL:
-        line.AddFloat("nx", At<float>(bytes, 3 * row));
-        line.AddFloat("ny", At<float>(bytes, 3 * row + 1));
-        line.AddFloat("nz", At<float>(bytes, 3 * row + 2));
+        line.AddFloat("nx", RowAt<float>(bytes, 3 * row));
+        line.AddFloat("ny", RowAt<float>(bytes, 3 * row + 1));
+        line.AddFloat("nz", RowAt<float>(bytes, 3 * row + 2));
         break;
       case v1::HIT_COLUMN_FLAGS:
-        line.AddFlag("hit", At<uint8_t>(bytes, row) & kFlagHit);
-        if (kind_ != v1::QUERY_KIND_ANY_HIT) line.AddFlag("back", At<uint8_t>(bytes, row) & kFlagBack);
+        line.AddFlag("hit", RowAt<uint8_t>(bytes, row) & kFlagHit);
+        if (kind_ != v1::QUERY_KIND_ANY_HIT) line.AddFlag("back", RowAt<uint8_t>(bytes, row) & kFlagBack);
         break;
       default:
-        line.AddInteger("count", At<uint32_t>(bytes, ray));
+        line.AddInteger("count", RowAt<uint32_t>(bytes, ray));
     }
   }
   line.End();

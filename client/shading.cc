@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/exit_code.h"
+#include "client/hit_column.h"
 
 namespace deltaray {
 namespace {
@@ -21,8 +21,6 @@ constexpr double kDiffuse = 0.7;
 constexpr double kLightLeft = 0.48;
 constexpr double kLightUp = 0.6;
 constexpr double kLightBack = 0.64;
-
-constexpr uint32_t kNoPrimitive = 0xFFFFFFFF;
 
 // Linear light, 0 to 1, to sRGB.
 uint8_t ToSrgb(double linear) {
@@ -67,15 +65,11 @@ absl::Status Shading::AddDepths(const v1::HitBatch& hits) {
     return BadColumn("primitive_id", hits.primitive_id().size(), hits.ray_count());
   }
   for (uint32_t i = 0; i < hits.ray_count(); ++i) {
-    float t;
-    uint32_t primitive;
-    std::memcpy(&t, hits.t().data() + i * sizeof(t), sizeof(t));
-    std::memcpy(&primitive, hits.primitive_id().data() + i * sizeof(primitive), sizeof(primitive));
-    if (primitive == kNoPrimitive) continue;
+    if (RowAt<uint32_t>(hits.primitive_id(), i) == kNoId) continue;
     ++hit_count_;
     // A hit beyond float's range has an infinite t too.
     constexpr float kFarthest = std::numeric_limits<float>::max();
-    depths_[next_pixel_ + i] = std::clamp(t, -kFarthest, kFarthest);
+    depths_[next_pixel_ + i] = std::clamp(RowAt<float>(hits.t(), i), -kFarthest, kFarthest);
   }
   return absl::OkStatus();
 }
@@ -85,8 +79,7 @@ absl::Status Shading::AddNormals(const v1::HitBatch& hits) {
     return BadColumn("normal", hits.normal().size(), hits.ray_count());
   }
   for (uint32_t i = 0; i < hits.ray_count(); ++i) {
-    std::array<float, 3> n;
-    std::memcpy(n.data(), hits.normal().data() + i * sizeof(n), sizeof(n));
+    const auto n = RowAt<std::array<float, 3>>(hits.normal(), i);
     if (n == std::array<float, 3>{}) continue;  // a miss: normals of hits have length 1
     ++hit_count_;
     const uint64_t pixel = next_pixel_ + i;

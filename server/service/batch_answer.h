@@ -27,8 +27,8 @@ struct BatchAnswer {
 };
 
 // Whether a batch, in a message of `bytes`, is so small that it may be answered within a reaction of gRPC, where the
-// tree is not growing. All others
-// must be answered on a thread of the Tracer: a reaction that takes long holds up all calls of its connection.
+// tree is not growing. All others must be answered on a thread of the Tracer: a reaction that takes long holds up all
+// calls of its connection.
 bool IsSmall(const BatchQuery& query, size_t bytes);
 
 // Whether it takes a few milliseconds at most, in general: see Tracer::EnqueueShort.

@@ -9,10 +9,11 @@
 namespace deltaray {
 namespace {
 
-// `on_tracer`: not on a thread of gRPC.
-void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree, bool on_tracer) {
+void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
   BatchJob::Answer answer;
-  // Between two pieces, batches that take less long get their turn.
+  // Between two pieces, batches that take less long get their turn; not on threads of gRPC, where small ones are
+  // traced.
+  const bool on_tracer = !IsSmall(job.query, job.rays.rays.size);
   const std::function<bool()> cancelled = [&] {
     if (on_tracer) backend.tracer->RunShort();
     return job.cancelled();
@@ -41,11 +42,13 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
   const auto returned = std::make_shared<std::atomic<bool>>(false);
   const auto on_tree = [backend, use, returned,
                         caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
-    if (!tree.ok() || (std::this_thread::get_id() == caller && !*returned)) {
+    const bool here = std::this_thread::get_id() == caller && !*returned;
+    if (!tree.ok() || (here && !tree->snapshot->tree->is_growing())) {
       use(std::move(tree));
       return;
     }
-    // A thread of a build, which must not be held up, nor get exceptions.
+    // Not on a thread of a build, which must not be held up, nor get exceptions; nor on one of gRPC, where a tree that
+    // grows takes too long for a small batch.
     const absl::Status status = CatchExceptions([&] {
       backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree); });
       return absl::OkStatus();
@@ -63,13 +66,10 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   const auto cancelled = [job] { return job->cancelled(); };
   UseTree(backend, job->mesh, job->query.wait_final, cancelled, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
-    const bool is_small = IsSmall(job->query, job->rays.rays.size);
-    if (!tree.ok()) {
-      job->done(tree.status());
-    } else if (is_small && tree->snapshot->tree->is_growing()) {
-      backend.tracer->Enqueue([backend, job, tree = *std::move(tree)] { Trace(backend, *job, tree, true); });
+    if (tree.ok()) {
+      Trace(backend, *job, *tree);
     } else {
-      Trace(backend, *job, *tree, !is_small);
+      job->done(tree.status());
     }
   });
 }

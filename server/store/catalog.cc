@@ -1,10 +1,13 @@
 #include "server/store/catalog.h"
 
+#include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/store/mesh_name.h"
+#include "spdlog/spdlog.h"
 
 namespace deltaray {
 
@@ -115,6 +118,32 @@ void Catalog::ForgetCancelled() {
   for (const std::shared_ptr<MeshEntry>& entry : entries) entry->ForgetCancelled();
   MutexLock lock(mutex_);
   std::erase_if(waited_for_, [](const std::shared_ptr<MeshEntry>& entry) { return !entry->IsWaitedFor(); });
+}
+
+bool Catalog::MakeRoom(uint64_t bytes) const {
+  struct Droppable {
+    std::chrono::steady_clock::time_point last_used;
+    uint64_t bytes;
+    std::shared_ptr<MeshEntry> entry;
+  };
+  std::vector<Droppable> all;
+  uint64_t sum = 0;
+  for (std::shared_ptr<MeshEntry>& entry : List("", SIZE_MAX)) {
+    const uint64_t droppable = entry->DroppableBytes();
+    if (droppable == 0) continue;
+    sum += droppable;
+    all.push_back({entry->last_used(), droppable, std::move(entry)});
+  }
+  if (sum < bytes) return false;
+  std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.last_used < b.last_used; });
+  uint64_t dropped = 0;
+  for (auto next = all.begin(); dropped < bytes; ++next) {
+    if (const std::string what = next->entry->Drop(); !what.empty()) {
+      spdlog::info("dropped the {} of mesh {} to make room", what, next->entry->id());
+    }
+    dropped += next->bytes;
+  }
+  return true;
 }
 
 }  // namespace deltaray

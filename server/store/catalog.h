@@ -51,6 +51,8 @@ class Catalog {
   void NoteWaitedFor(std::shared_ptr<MeshEntry> entry);
   // MeshEntry::ForgetCancelled, for all entries that somebody may wait for.
   void ForgetCancelled();
+  // MeshEntry::Drop, for those that were not used for longest, as TreeBudget's make_room wants it.
+  bool MakeRoom(uint64_t bytes) const;
 
  private:
   mutable Mutex mutex_;

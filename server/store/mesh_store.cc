@@ -1,6 +1,5 @@
 #include "server/store/mesh_store.h"
 
-#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <set>
@@ -68,8 +67,6 @@ class Store final : public MeshStore {
   absl::Status CheckLimits(const NewMesh& upload, bool is_new) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
   absl::Status CheckNameLimits(const std::string& name, const std::string& id) const;
   EntryPointer MakeEntry(MeshInfo info) const;
-  // TreeBudget's make_room.
-  bool MakeRoom(uint64_t bytes) const;
 
   const Options options_;
   mutable BuildQueue queue_;  // outlives the entries
@@ -105,8 +102,8 @@ Store::Store(Options options, DataDirectory directory, DataDirectory::Changes co
       queue_(options_.concurrent_builds, options_.max_queued_builds,
              {.config = {}, .threads = options_.build_threads, .on_delta_leaf = options_.on_delta_leaf},
              options_.on_build_end),
-      tree_budget_(
-          std::make_shared<TreeBudget>(options_.tree_bytes, [this](uint64_t bytes) { return MakeRoom(bytes); })),
+      tree_budget_(std::make_shared<TreeBudget>(
+          options_.tree_bytes, [this](uint64_t bytes) { return directory_.catalog().MakeRoom(bytes); })),
       disk_budget_(options_.max_stored_bytes, [this] { return directory_.catalog().totals().stored_bytes; }),
       directory_(std::move(directory), std::move(contents), options_.follow_interval,
                  [this](MeshInfo info) { return MakeEntry(std::move(info)); }) {}
@@ -205,32 +202,6 @@ absl::Status Store::CheckNameLimits(const std::string& name, const std::string& 
 EntryPointer Store::MakeEntry(MeshInfo info) const {
   std::string path = directory_.files().MeshPath(info.id);
   return std::make_shared<MeshEntry>(std::move(info), std::move(path), &queue_, tree_budget_.get());
-}
-
-bool Store::MakeRoom(uint64_t bytes) const {
-  struct Droppable {
-    std::chrono::steady_clock::time_point last_used;
-    uint64_t bytes;
-    EntryPointer entry;
-  };
-  std::vector<Droppable> all;
-  uint64_t sum = 0;
-  for (EntryPointer& entry : directory_.catalog().List("", SIZE_MAX)) {
-    const uint64_t droppable = entry->DroppableBytes();
-    if (droppable == 0) continue;
-    sum += droppable;
-    all.push_back({entry->last_used(), droppable, std::move(entry)});
-  }
-  if (sum < bytes) return false;
-  std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.last_used < b.last_used; });
-  uint64_t dropped = 0;
-  for (auto next = all.begin(); dropped < bytes; ++next) {
-    if (const std::string what = next->entry->Drop(); !what.empty()) {
-      spdlog::info("dropped the {} of mesh {} to make room", what, next->entry->id());
-    }
-    dropped += next->bytes;
-  }
-  return true;
 }
 
 absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files) {

@@ -41,11 +41,13 @@ void TreeBudget::Reservation::ShrinkTo(uint64_t bytes) {
     if (bytes >= bytes_) return;
     freed = bytes_ - bytes;
     bytes_ = bytes;
-    if (retired_) budget_->retired_ -= freed;
+    // Nobody need drop a tree for these while the system gets them back.
+    if (!retired_) budget_->returning_ += freed;
   }
   budget_->TrimAfter(freed);
   MutexLock lock(budget_->mutex_);
   budget_->used_ -= freed;
+  budget_->returning_ -= freed;
   budget_->changed_.notify_all();
 }
 
@@ -54,7 +56,7 @@ std::shared_ptr<TreeBudget::Reservation> TreeBudget::Reservation::Split(uint64_t
   MutexLock lock(budget_->mutex_);
   const uint64_t given = std::min(bytes, bytes_);
   bytes_ -= given;
-  if (retired_) budget_->retired_ -= given;
+  if (retired_) budget_->returning_ -= given;
   budget_->used_ += bytes - given;
   split->bytes_ = bytes;
   return split;
@@ -62,7 +64,7 @@ std::shared_ptr<TreeBudget::Reservation> TreeBudget::Reservation::Split(uint64_t
 
 void TreeBudget::Reservation::Retire() {
   MutexLock lock(budget_->mutex_);
-  if (!std::exchange(retired_, true)) budget_->retired_ += bytes_;
+  if (!std::exchange(retired_, true)) budget_->returning_ += bytes_;
 }
 
 uint64_t TreeBudget::Reservation::bytes() const {
@@ -137,7 +139,7 @@ bool TreeBudget::GrowOrWait(Reservation& reservation, uint64_t bytes) {
 
 uint64_t TreeBudget::Missing(uint64_t bytes) const {
   MutexLock lock(mutex_);
-  const uint64_t wanted = used_ - retired_ + bytes;
+  const uint64_t wanted = used_ - returning_ + bytes;
   return wanted - std::min(wanted, limit_);
 }
 

@@ -86,8 +86,8 @@ class TreeBudget : public std::enable_shared_from_this<TreeBudget> {
   mutable Mutex mutex_;
   Condition changed_;
   uint64_t used_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint64_t retired_ ABSL_GUARDED_BY(mutex_) = 0;  // of those in use
-  uint64_t freed_ ABSL_GUARDED_BY(mutex_) = 0;    // since the last trim
+  uint64_t returning_ ABSL_GUARDED_BY(mutex_) = 0;  // of those in use, what comes back without another drop
+  uint64_t freed_ ABSL_GUARDED_BY(mutex_) = 0;      // since the last trim
   std::list<Turn*> turns_ ABSL_GUARDED_BY(mutex_);
 };
 

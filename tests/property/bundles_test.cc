@@ -91,12 +91,17 @@ std::vector<Ray> Bundles(const TestScene& scene) {
 
 class BundlesTest : public testing::TestWithParam<std::string> {};
 
-INSTANTIATE_TEST_SUITE_P(Scenes, BundlesTest, testing::ValuesIn(TestSceneNames()),
+std::vector<std::string> ScenesWithTriangles() {
+  std::vector<std::string> names = TestSceneNames();
+  std::erase_if(names, [](const std::string& name) { return MakeTestScene(name).mesh->indices.empty(); });
+  return names;
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, BundlesTest, testing::ValuesIn(ScenesWithTriangles()),
                          [](const auto& info) { return info.param; });
 
 TEST_P(BundlesTest, PacketsAnswerAsBruteForce) {
   const TestScene scene = MakeTestScene(GetParam());
-  if (scene.mesh->indices.empty()) GTEST_SKIP() << "no triangle to aim at";
   const ReferenceAnswers answers(scene.mesh->triangles(), Bundles(scene));
   for (const SimdTarget target : SupportedSimdTargets()) {
     SCOPED_TRACE(Name(target));

@@ -15,6 +15,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/store/sha256.h"
+#include "tests/eventually.h"
 #include "tests/torture/fleet.h"
 #include "tests/torture/subject.h"
 
@@ -69,8 +70,7 @@ class CrashTorture {
     if (counts_.uploads == 0 || counts_.answers == 0) Fail("no upload or no answer was acknowledged");
     std::printf(
         "crash: %d servers, %d rounds, %d kills in %.0f s, seed %llu: %d uploads, %d moves, %d deletes, %d rebuilds "
-        "and "
-        "%d answers acknowledged, %d calls not; %d lost\n",
+        "and %d answers acknowledged, %d calls not; %d lost\n",
         options_.servers, round_, kills,
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count(),
         static_cast<unsigned long long>(options_.seed), counts_.uploads.load(), counts_.moves.load(),
@@ -190,15 +190,7 @@ class CrashTorture {
     return absl::OkStatus();
   }
 
-  // Calls `holds` until it does, or for too long.
-  static bool Soon(const std::function<bool()>& holds) {
-    const auto deadline = std::chrono::steady_clock::now() + kNotice;
-    while (!holds()) {
-      if (std::chrono::steady_clock::now() > deadline) return false;
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    }
-    return true;
-  }
+  static bool Soon(const std::function<bool()>& holds) { return Eventually(holds, kNotice); }
 
   // Nothing is under way. Every server must have what is acknowledged, and all the same of what is not.
   void Verify() {
