@@ -28,7 +28,7 @@ constexpr int kTimeoutSeconds = 3;
 using Bio = std::unique_ptr<BIO, decltype(&BIO_free_all)>;
 
 // Takes the reason of the last failure out of OpenSSL's queue.
-std::string Reason() {
+std::string OpenSslReason() {
   const char* reason = ERR_reason_error_string(ERR_peek_last_error());
   ERR_clear_error();
   return reason == nullptr ? "unknown reason" : reason;
@@ -131,7 +131,7 @@ int NoteAsked(SSL*, void* asked) {
 std::string FailureText(SSL* ssl, bool asked) {
   const unsigned long error = ERR_peek_last_error();
   const bool plaintext = ERR_GET_LIB(error) == ERR_LIB_SSL && ERR_GET_REASON(error) == SSL_R_WRONG_VERSION_NUMBER;
-  const std::string reason = Reason();
+  const std::string reason = OpenSslReason();
   if (plaintext) return "a server is there, but it does not speak TLS";
   if (!asked) return absl::StrCat("no TLS connection came about (", reason, ")");
   return SSL_get_certificate(ssl) == nullptr ? "the server wants a certificate from its clients: --cert and --key"
@@ -155,7 +155,7 @@ absl::StatusOr<Tls> Tls::Read(const SecurityFlags& flags) {
     absl::Status status = ReadWhole("--ca", flags.ca_file, &tls.options_.pem_root_certs);
     if (!status.ok()) return status;
     if (SSL_CTX_load_verify_file(context, flags.ca_file.c_str()) != 1) {
-      return FileError("--ca", flags.ca_file, absl::StrCat("holds no certificates in PEM: ", Reason()));
+      return FileError("--ca", flags.ca_file, absl::StrCat("holds no certificates in PEM: ", OpenSslReason()));
     }
   }
   if (flags.cert_file.empty()) return tls;
@@ -163,11 +163,11 @@ absl::StatusOr<Tls> Tls::Read(const SecurityFlags& flags) {
   if (status.ok()) status = ReadWhole("--key", flags.key_file, &tls.options_.pem_private_key);
   if (!status.ok()) return status;
   if (SSL_CTX_use_certificate_chain_file(context, flags.cert_file.c_str()) != 1) {
-    return FileError("--cert", flags.cert_file, absl::StrCat("holds no certificate of use: ", Reason()));
+    return FileError("--cert", flags.cert_file, absl::StrCat("holds no certificate of use: ", OpenSslReason()));
   }
   if (SSL_CTX_use_PrivateKey_file(context, flags.key_file.c_str(), SSL_FILETYPE_PEM) != 1) {
     return FileError("--key", flags.key_file,
-                     absl::StrCat("holds no private key of --cert in PEM without passphrase: ", Reason()));
+                     absl::StrCat("holds no private key of --cert in PEM without passphrase: ", OpenSslReason()));
   }
   return tls;
 }

@@ -26,7 +26,8 @@ run=()
 case "$sanitize" in
   '')
     build="$root/build-tests"
-    options+=(-DDELTARAY_UNITY=ON)
+    # gold links four times as fast, and comes with binutils as the default linker does.
+    options+=(-DDELTARAY_UNITY=ON -DCMAKE_EXE_LINKER_FLAGS=-fuse-ld=gold)
     ;;
   address,undefined)
     build="$root/build-address"

@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -16,6 +17,9 @@
 #include "server/build/statistics.h"
 
 namespace deltaray {
+
+// A node of the top with fewer references is built by one task, with all below it.
+inline constexpr size_t kTaskReferences = 4096;
 
 // Thread-safe. Counters may be added to by any task, where the counted thing happens.
 class BuildContext {

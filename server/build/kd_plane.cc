@@ -9,9 +9,9 @@
 namespace deltaray {
 namespace {
 
-// Nodes with more references look at kBins - 1 planes, others at every face of every box.
+// Nodes with more references look at kPlaneBins - 1 planes, others at every face of every box.
 constexpr size_t kMaxExactReferences = 1024;
-constexpr int kBins = 64;
+constexpr int kPlaneBins = 64;
 
 // What planes across one axis of a cell cost.
 class PlaneCost {
@@ -87,11 +87,11 @@ KdPlane SweepPlanes(std::span<const Reference> references, const PlaneCost& cost
 
 // The best of planes at even distances across one axis.
 KdPlane BinPlanes(std::span<const Reference> references, const PlaneCost& cost, const Bounds& cell, int axis) {
-  const double min = cell.min[axis], width = (static_cast<double>(cell.max[axis]) - min) / kBins;
+  const double min = cell.min[axis], width = (static_cast<double>(cell.max[axis]) - min) / kPlaneBins;
   if (width == 0) return {};
   // Clamped first: a reference's whole box may reach far beyond the cell.
-  const auto bin = [&](float x) { return static_cast<int>(std::clamp((x - min) / width, 0.0, kBins - 1.0)); };
-  std::array<size_t, kBins> begins{}, ends{};
+  const auto bin = [&](float x) { return static_cast<int>(std::clamp((x - min) / width, 0.0, kPlaneBins - 1.0)); };
+  std::array<size_t, kPlaneBins> begins{}, ends{};
   for (const Reference& reference : references) {
     ++begins[bin(reference.bounds.min[axis])];
     ++ends[bin(reference.bounds.max[axis])];
@@ -99,7 +99,7 @@ KdPlane BinPlanes(std::span<const Reference> references, const PlaneCost& cost, 
 
   KdPlane best;
   size_t left = 0, right = references.size();
-  for (int i = 1; i < kBins; ++i) {
+  for (int i = 1; i < kPlaneBins; ++i) {
     left += begins[i - 1];
     right -= ends[i - 1];
     cost.Consider(static_cast<float>(min + i * width), left, 0, right, &best);

@@ -22,8 +22,6 @@ namespace {
 
 // A split that cuts off empty space is worth this much more. [Wald and Havran 2006], section 3.2.
 constexpr double kEmptySpaceBonus = 0.2;
-// Nodes with fewer references are built by one task.
-constexpr size_t kMinParallelReferences = 4096;
 // A split that does not pay may be followed by ones that do; so many on one way down, none of which costs more than
 // kMaxLoss times the leaf. As in [Pharr, Jakob and Humphreys 2016], section 4.4.2.
 constexpr int kMaxBadSplits = 2;
@@ -63,7 +61,7 @@ class KdTreeBuilder {
     const double rest = static_cast<double>(node.budget - added);
     left.budget = children == 0 ? 0 : static_cast<uint64_t>(rest * left.references.size() / children);
     right.budget = node.budget - added - left.budget;
-    const bool parallel = node.references.size() >= kMinParallelReferences;
+    const bool parallel = node.references.size() >= kTaskReferences;
     node.references = ReferenceArray();
 
     const size_t index = out->nodes.size();
@@ -92,7 +90,7 @@ class KdTreeBuilder {
     const auto find = [&](int axis) {
       planes[axis] = FindKdPlane(node.references.span(), node.cell, axis, costs_, kEmptySpaceBonus);
     };
-    if (node.references.size() < kMinParallelReferences) {
+    if (node.references.size() < kTaskReferences) {
       for (int axis = 0; axis < 3; ++axis) find(axis);
     } else {
       tbb::parallel_for(0, 3, [&](int axis) {

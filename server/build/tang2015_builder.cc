@@ -19,9 +19,6 @@
 namespace deltaray {
 namespace {
 
-// Nodes with fewer references are split by one task.
-constexpr size_t kMinParallelReferences = 4096;
-
 // The nodes and references of a part of the tree.
 struct Subtree {
   std::vector<BvhNode> nodes;
@@ -51,7 +48,7 @@ class TopBuilder {
     const size_t room = node.room - (children - node.references.size());
     left.room = static_cast<size_t>(static_cast<double>(room) * left.references.size() / children);
     right.room = room - left.room;
-    const bool parallel = node.references.size() >= kMinParallelReferences;
+    const bool parallel = node.references.size() >= kTaskReferences;
     node.references = ReferenceArray();
 
     const size_t index = out->nodes.size();

@@ -14,9 +14,6 @@
 namespace deltaray {
 namespace {
 
-// Nodes of fewer references are built by one task with all below them.
-constexpr size_t kTaskReferences = 4096;
-
 // The part of the reference array that a node owns: its references, then room for more.
 struct Range {
   size_t begin = 0, end = 0, limit = 0;

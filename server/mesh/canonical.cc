@@ -22,7 +22,6 @@ static_assert(sizeof(Vec3f) == 12 && sizeof(std::array<uint32_t, 3>) == 12);
 constexpr std::array<char, 8> kMagic = {'d', 'e', 'l', 't', 'a', 'r', 'a', 'y'};
 constexpr uint32_t kVersion = 1;
 constexpr uint32_t kHasFaceIds = 1, kHasGroupIds = 2;
-constexpr uint64_t kMaxCount = (uint64_t{1} << 31) - 1;
 
 struct Header {
   std::array<char, 8> magic;
@@ -155,7 +154,8 @@ absl::StatusOr<TriangleMesh> ReadCanonical(std::span<const char> bytes) {
   if (header.version != kVersion) return Damaged(absl::StrCat("version ", header.version, " is unknown"));
   if (header.flags & ~(kHasFaceIds | kHasGroupIds))
     return Damaged(absl::StrCat("flags ", header.flags, " are unknown"));
-  if (std::max({header.vertices, header.triangles, header.faces}) > kMaxCount) return Damaged("a count is past 2^31");
+  if (std::max({header.vertices, header.triangles, header.faces}) > kMaxMeshCount)
+    return Damaged("a count is past 2^31");
 
   TriangleMesh mesh;
   mesh.origin = header.origin;

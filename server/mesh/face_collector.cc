@@ -9,17 +9,13 @@
 #include "server/mesh/utf8.h"
 
 namespace deltaray {
-namespace {
-
-constexpr uint64_t kMaxCount = (uint64_t{1} << 31) - 1;
-
-}  // namespace
+namespace {}  // namespace
 
 FaceCollector::FaceCollector(const ReadMeshOptions& options, uint32_t first_index)
     : options_(options), first_index_(first_index) {}
 
 absl::Status FaceCollector::AddVertex(const Vec3d& position, Location where) {
-  if (vertex_count() >= std::min(limits().max_vertices, kMaxCount)) {
+  if (vertex_count() >= std::min(limits().max_vertices, kMaxMeshCount)) {
     return OverLimit(where, absl::StrCat("vertex ", vertex_count()), "max_vertices", limits().max_vertices);
   }
   for (int axis = 0; axis < 3; ++axis) {
@@ -40,7 +36,7 @@ absl::Status FaceCollector::AddFace(std::span<const uint32_t> corners, Location 
                      limits().max_face_corners);
   }
   triangle_count_ += corners.size() - 2;
-  if (triangle_count_ > std::min(limits().max_triangles, kMaxCount)) {
+  if (triangle_count_ > std::min(limits().max_triangles, kMaxMeshCount)) {
     return OverLimit(where, absl::StrCat("triangle ", triangle_count_ - 1), "max_triangles", limits().max_triangles);
   }
   if (absl::Status status = TakeMemory(corners.size()); !status.ok()) return status;

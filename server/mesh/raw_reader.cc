@@ -15,14 +15,12 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the arrays are copied as they are");
 
-constexpr uint64_t kMaxCount = (uint64_t{1} << 31) - 1;
-
 absl::Status CheckLayout(const RawLayout& raw, const MeshLimits& limits, size_t size) {
   const Location start = Location::Byte(0);
-  if (raw.vertex_count > std::min(limits.max_vertices, kMaxCount)) {
+  if (raw.vertex_count > std::min(limits.max_vertices, kMaxMeshCount)) {
     return OverLimit(start, absl::StrCat(raw.vertex_count, " vertices"), "max_vertices", limits.max_vertices);
   }
-  if (raw.triangle_count > std::min(limits.max_triangles, kMaxCount)) {
+  if (raw.triangle_count > std::min(limits.max_triangles, kMaxMeshCount)) {
     return OverLimit(start, absl::StrCat(raw.triangle_count, " triangles"), "max_triangles", limits.max_triangles);
   }
   const uint64_t expected = raw.vertex_count * (raw.float64 ? 24 : 12) + raw.triangle_count * 12;

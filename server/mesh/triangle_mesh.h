@@ -17,6 +17,9 @@ namespace deltaray {
 // The group id of a triangle that is in no group.
 inline constexpr uint32_t kNoGroup = 0xFFFFFFFF;
 
+// The most vertices, triangles or faces of a mesh.
+inline constexpr uint64_t kMaxMeshCount = (uint64_t{1} << 31) - 1;
+
 // Triangles, and where in the file they came from. Immutable once it is shared.
 //
 // Invariants: every index is below positions.size(); every coordinate is finite, also after `origin` is added;

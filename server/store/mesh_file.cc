@@ -18,7 +18,7 @@ namespace deltaray {
 namespace {
 
 constexpr absl::string_view kMagic = "DRMESH\r\n";
-constexpr uint32_t kVersion = 1;
+constexpr uint32_t kMeshVersion = 1;
 // magic, version, metadata bytes, payload bytes, SHA-256 of the payload.
 constexpr size_t kCheckedHeaderBytes = 8 + 4 + 4 + 8 + Sha256::kBytes;
 // The same and the SHA-256 of it and the metadata.
@@ -149,12 +149,12 @@ absl::StatusOr<MeshFileHead> ReadHead(const FileDescriptor& file, const std::str
   uint64_t payload_bytes = 0;
   if (reader.TakeBytes(kMagic.size()) != kMagic) return Damaged(path, "does not begin as a mesh file does");
   reader.Take(&version);
-  if (version > kVersion) {
+  if (version > kMeshVersion) {
     return absl::FailedPreconditionError(absl::StrCat("mesh file ", path, " is of format version ", version,
                                                       ", which a newer deltaray wrote; this one reads version ",
-                                                      kVersion));
+                                                      kMeshVersion));
   }
-  if (version != kVersion) return Damaged(path, "has no valid format version");
+  if (version != kMeshVersion) return Damaged(path, "has no valid format version");
   reader.Take(&metadata_bytes);
   reader.Take(&payload_bytes);
   const absl::string_view payload_sha256 = reader.TakeBytes(Sha256::kBytes);
@@ -208,7 +208,7 @@ absl::Status WriteMeshFile(const TriangleMesh& mesh, const MeshDigest& digest, c
                            TemporaryFile* file) {
   const std::string metadata = EncodeMetadata(info);
   FieldWriter header;
-  header.Add(static_cast<uint32_t>(kVersion));
+  header.Add(static_cast<uint32_t>(kMeshVersion));
   header.Add(static_cast<uint32_t>(metadata.size()));
   header.Add(digest.bytes);
   const std::string checked_header = absl::StrCat(kMagic, header.bytes(), digest.sha256);

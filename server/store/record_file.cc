@@ -16,14 +16,14 @@ namespace {
 
 constexpr absl::string_view kConfigKind = "deltaray build config ";
 constexpr absl::string_view kNameKind = "deltaray name ";
-constexpr absl::string_view kVersion = "1";
+constexpr absl::string_view kRecordVersion = "1";
 
 constexpr absl::string_view kPresets[] = {"fast", "balanced", "best", "auto"};
 constexpr absl::string_view kBuilders[] = {"hybrid", "kd_tree", "bvh", "sbvh", "tang2015"};
 
 class RecordWriter {
  public:
-  explicit RecordWriter(absl::string_view kind) : text_(absl::StrCat(kind, kVersion, "\n")) {}
+  explicit RecordWriter(absl::string_view kind) : text_(absl::StrCat(kind, kRecordVersion, "\n")) {}
 
   void Add(absl::string_view key, absl::string_view value) { absl::StrAppend(&text_, key, "=", value, "\n"); }
   void Add(absl::string_view key, uint32_t value) { Add(key, absl::StrCat(value)); }
@@ -47,11 +47,11 @@ class RecordReader {
     absl::string_view version = first_line;
     if (!absl::ConsumePrefix(&version, kind)) {
       status_ = absl::DataLossError("not a record of this kind");
-    } else if (version != kVersion) {
+    } else if (version != kRecordVersion) {
       uint32_t number = 0;
       status_ = absl::SimpleAtoi(version, &number) && number > 1
                     ? absl::FailedPreconditionError(
-                          absl::StrCat("of format version ", number, "; this deltaray reads version ", kVersion))
+                          absl::StrCat("of format version ", number, "; this deltaray reads version ", kRecordVersion))
                     : absl::DataLossError("malformed first line");
     }
     if (!status_.ok()) return;

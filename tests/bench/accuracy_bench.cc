@@ -21,8 +21,6 @@
 namespace deltaray {
 namespace {
 
-constexpr size_t kChunk = 1024;
-
 // What is judged: one structure asked in one way.
 struct Contestant {
   std::string_view engine, structure, level;
@@ -109,8 +107,8 @@ Errors FindErrors(const Oracle& oracle, std::span<const Ray> rays, std::span<con
   return errors;
 }
 
-absl::Status Measure(const StabilityFamily& family, const AccuracyBenchOptions& options,
-                     std::vector<std::string>* lines) {
+absl::Status MeasureFamily(const StabilityFamily& family, const AccuracyBenchOptions& options,
+                           std::vector<std::string>* lines) {
   std::vector<Contestant> contestants;
   for (const std::string& name : options.structures) {
     if (name == "embree") {
@@ -160,7 +158,7 @@ absl::Status RunAccuracyBench(const AccuracyBenchOptions& options) {
   for (const std::string& name : options.families.empty() ? StabilityFamilyNames() : options.families) {
     const absl::StatusOr<StabilityFamily> family = MakeStabilityFamily(name, options.rays);
     if (!family.ok()) return family.status();
-    if (absl::Status status = Measure(*family, options, &lines); !status.ok()) return status;
+    if (absl::Status status = MeasureFamily(*family, options, &lines); !status.ok()) return status;
     // All families take long: what there is so far is kept.
     if (absl::Status status = WriteLines(options.csv, lines); !status.ok()) return status;
     if (options.csv == "-") lines.clear();

@@ -16,7 +16,7 @@ namespace {
 constexpr std::string_view kEmbree = "embree";
 
 // What one build gave.
-struct Result {
+struct BuildResult {
   BuildCost cost;
   std::optional<TreeShape> shape;  // Embree tells nothing of it
 };
@@ -25,9 +25,9 @@ struct Result {
 struct Entry {
   std::string engine, preset;
   uint32_t threads = 1;
-  std::function<absl::StatusOr<Result>()> build;
+  std::function<absl::StatusOr<BuildResult>()> build;
   Samples seconds, cpu_seconds;
-  Result last;
+  BuildResult last;
 };
 
 std::string ToCsv(const Scene& scene, const Entry& entry) {
@@ -43,8 +43,8 @@ std::string ToCsv(const Scene& scene, const Entry& entry) {
 }
 
 // Adds the builds of one engine of ours.
-absl::Status AddOurs(const Scene& scene, const std::string& engine, const BuildBenchOptions& options,
-                     std::vector<Entry>* entries) {
+absl::Status AddOurBuilds(const Scene& scene, const std::string& engine, const BuildBenchOptions& options,
+                          std::vector<Entry>* entries) {
   const absl::StatusOr<Builder> builder = ParseEngine(engine);
   if (!builder.ok()) return builder.status();
   for (const std::string& preset_name : options.presets) {
@@ -52,10 +52,10 @@ absl::Status AddOurs(const Scene& scene, const std::string& engine, const BuildB
     if (!preset.ok()) return preset.status();
     for (const uint32_t threads : options.threads) {
       const auto build = [mesh = scene.mesh, config = MakeConfig(*builder, *preset),
-                          threads]() -> absl::StatusOr<Result> {
+                          threads]() -> absl::StatusOr<BuildResult> {
         const absl::StatusOr<FinishedBuild> build = BuildOnce(mesh, config, threads);
         if (!build.ok()) return build.status();
-        return Result{build->cost, build->statistics.shape};
+        return BuildResult{build->cost, build->statistics.shape};
       };
       entries->push_back({engine, preset_name, threads, build, {}, {}, {}});
     }
@@ -63,13 +63,13 @@ absl::Status AddOurs(const Scene& scene, const std::string& engine, const BuildB
   return absl::OkStatus();
 }
 
-void AddEmbree(const Scene& scene, const BuildBenchOptions& options, std::vector<Entry>* entries) {
+void AddEmbreeBuilds(const Scene& scene, const BuildBenchOptions& options, std::vector<Entry>* entries) {
   for (const auto quality : {EmbreeScene::Quality::kMedium, EmbreeScene::Quality::kHigh}) {
     for (const uint32_t threads : options.threads) {
-      const auto build = [mesh = scene.mesh, quality, threads]() -> absl::StatusOr<Result> {
+      const auto build = [mesh = scene.mesh, quality, threads]() -> absl::StatusOr<BuildResult> {
         const auto embree = EmbreeScene::Build(*mesh, {.quality = quality, .threads = threads});
         if (!embree.ok()) return embree.status();
-        return Result{(*embree)->build_cost(), std::nullopt};
+        return BuildResult{(*embree)->build_cost(), std::nullopt};
       };
       const char* const name = quality == EmbreeScene::Quality::kHigh ? "high" : "medium";
       entries->push_back({std::string(kEmbree), name, threads, build, {}, {}, {}});
@@ -113,15 +113,15 @@ absl::Status RunBuildBench(const BuildBenchOptions& options) {
     std::vector<Entry> entries;
     for (const std::string& engine : options.engines) {
       if (engine != kEmbree) {
-        if (absl::Status status = AddOurs(scene, engine, options, &entries); !status.ok()) return status;
+        if (absl::Status status = AddOurBuilds(scene, engine, options, &entries); !status.ok()) return status;
       } else if (HaveEmbree()) {
-        AddEmbree(scene, options, &entries);
+        AddEmbreeBuilds(scene, options, &entries);
       }
     }
 
     const absl::Status status = Interleave(entries.size(), options.rounds, [&](size_t i) {
       Entry& entry = entries[i];
-      absl::StatusOr<Result> result = entry.build();
+      absl::StatusOr<BuildResult> result = entry.build();
       if (!result.ok()) return result.status();
       entry.seconds.Add(result->cost.seconds);
       entry.cpu_seconds.Add(result->cost.cpu_seconds);

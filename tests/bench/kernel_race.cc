@@ -18,7 +18,7 @@ constexpr double kMaxDisagreementsPerMillion = 300;
 constexpr size_t kWarmUpRays = 1 << 16;
 
 // What is measured of a racer.
-struct Result {
+struct RaceResult {
   Samples mrays_s;
   size_t disagreements = 0;  // of the round with most
 };
@@ -31,7 +31,7 @@ absl::Status Race(const RaySet& set, const Tree& tree, const RaceOptions& option
   std::vector<Hit> expected(rays), hits(rays);
   TraceAll(*MakeDeltarayKernel(tree, {}, set.question), set.rays, 1, options.chunk, expected);
 
-  std::vector<Result> results(racers->size());
+  std::vector<RaceResult> results(racers->size());
   absl::Status status = Interleave(racers->size(), options.rounds, [&](size_t i) {
     const auto& [row, kernel] = (*racers)[i];
     // Each pass finds the caches as its own engine leaves them.

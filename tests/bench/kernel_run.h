@@ -3,6 +3,7 @@
 #ifndef TESTS_BENCH_KERNEL_RUN_H_
 #define TESTS_BENCH_KERNEL_RUN_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
@@ -10,6 +11,9 @@
 #include "tests/bench/kernel.h"
 
 namespace deltaray {
+
+// Rays that a thread takes at once where nothing else is asked for.
+inline constexpr size_t kChunk = 1024;
 
 // Answers `rays` in chunks of `chunk` on `threads` threads, each of which takes the next chunk once it is done with
 // one. Returns the processor seconds of all threads within Kernel::Worker::Trace: what other processes take of the

@@ -65,7 +65,8 @@ Experiment Table4(const Scene& scene) {
   return experiment;
 }
 
-absl::Status Measure(const PaperBenchOptions& options, Experiment& experiment, std::vector<std::string>* lines) {
+absl::Status MeasureExperiment(const PaperBenchOptions& options, Experiment& experiment,
+                               std::vector<std::string>* lines) {
   std::vector<Variant>& variants = experiment.variants;
   const std::shared_ptr<const TriangleMesh>& mesh = experiment.scene->mesh;
   absl::Status status = Interleave(variants.size(), options.build_rounds, [&](size_t i) {
@@ -118,7 +119,7 @@ absl::Status RunPaperBench(const PaperBenchOptions& options) {
 
   std::vector<std::string> lines = {kHeader};
   for (Experiment& experiment : experiments) {
-    if (absl::Status status = Measure(options, experiment, &lines); !status.ok()) return status;
+    if (absl::Status status = MeasureExperiment(options, experiment, &lines); !status.ok()) return status;
     experiment.variants.clear();
   }
   return WriteLines(options.csv, lines);

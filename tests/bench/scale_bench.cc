@@ -66,8 +66,8 @@ void AddRatios(const std::vector<Racer>& racers, uint64_t triangles, Ratios* rat
 }
 
 // One size of one scene.
-absl::Status Measure(std::string_view name, const std::shared_ptr<const TriangleMesh>& mesh,
-                     const ScaleBenchOptions& options, Ratios* ratios, std::vector<std::string>* lines) {
+absl::Status MeasureMesh(std::string_view name, const std::shared_ptr<const TriangleMesh>& mesh,
+                         const ScaleBenchOptions& options, Ratios* ratios, std::vector<std::string>* lines) {
   const absl::StatusOr<Preset> preset = ParsePreset(options.preset);
   if (!preset.ok()) return preset.status();
   Built<FinishedBuild> ours;
@@ -137,7 +137,7 @@ absl::Status RunScaleBench(const ScaleBenchOptions& options) {
       absl::StatusOr<TriangleMesh> made = MakeScene(name, triangles);
       if (!made.ok()) return made.status();
       const auto mesh = std::make_shared<const TriangleMesh>(*std::move(made));
-      if (absl::Status status = Measure(name, mesh, options, &ratios, &lines); !status.ok()) return status;
+      if (absl::Status status = MeasureMesh(name, mesh, options, &ratios, &lines); !status.ok()) return status;
       // Large sizes take long: what there is so far is kept.
       if (absl::Status status = WriteLines(options.csv, lines); !status.ok()) return status;
       if (options.csv == "-") lines.clear();

@@ -17,8 +17,6 @@
 namespace deltaray {
 namespace {
 
-// Rays that the service gives a tree at once, about.
-constexpr size_t kChunk = 1024;
 // Fewer rays than this are sent several times over, so that the start of a stream does not count.
 constexpr size_t kLeastRays = 1 << 20;
 

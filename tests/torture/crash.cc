@@ -22,9 +22,9 @@
 namespace deltaray {
 namespace {
 
-constexpr int kClients = 3;
+constexpr int kWriters = 3;
 constexpr int kMeshesEach = 2;
-constexpr uint32_t kRays = 64;
+constexpr uint32_t kRaysOfSubject = 64;
 // How long a server may take to notice what was done through another one, on a busy machine.
 constexpr std::chrono::seconds kNotice{10};
 
@@ -37,7 +37,7 @@ struct Ledger {
   std::set<std::string> targets;  // ids that the name may point at; "": it is not there
 };
 
-struct Counts {
+struct CrashCounts {
   std::atomic<int> uploads{0}, moves{0}, deletes{0}, rebuilds{0}, answers{0}, unacknowledged{0}, failures{0};
 };
 
@@ -45,10 +45,10 @@ class CrashTorture {
  public:
   explicit CrashTorture(const CrashOptions& options)
       : options_(options),
-        subjects_(kClients * kMeshesEach, kRays),
+        subjects_(kWriters * kMeshesEach, kRaysOfSubject),
         fleet_(options.servers, options.binary, options.directory),
         random_(options.seed) {
-    for (int i = 0; i < kClients; ++i) {
+    for (int i = 0; i < kWriters; ++i) {
       Ledger ledger{{}, absl::StrCat("name", i), {""}};
       for (int k = 0; k < kMeshesEach; ++k) ledger.meshes[subjects_.meshes[i * kMeshesEach + k].get()] = State::kAbsent;
       ledgers_.push_back(std::move(ledger));
@@ -89,7 +89,7 @@ class CrashTorture {
   int RunClients() {
     std::atomic<bool> stop{false};
     std::vector<std::thread> clients;
-    for (int i = 0; i < kClients; ++i) {
+    for (int i = 0; i < kWriters; ++i) {
       clients.emplace_back([this, &stop, i, seed = random_()] { Work(ledgers_[i], seed, stop); });
     }
     std::this_thread::sleep_for(std::chrono::microseconds(5'000 + random_() % 400'000));
@@ -175,7 +175,7 @@ class CrashTorture {
   }
 
   absl::Status Ask(Connection& connection, const Subject& subject, bool must_be_there, bool wait_final) {
-    const auto reply = Cast(connection, subject.id, subjects_.rays, 0, kRays,
+    const auto reply = Cast(connection, subject.id, subjects_.rays, 0, kRaysOfSubject,
                             wait_final ? v1::BUILD_WAIT_FINAL : v1::BUILD_WAIT_PROVISIONAL);
     if (!reply.ok()) {
       if (absl::IsNotFound(reply.status()) && !must_be_there) return absl::OkStatus();
@@ -281,7 +281,7 @@ class CrashTorture {
   Fleet fleet_;
   std::mt19937_64 random_;
   std::vector<Ledger> ledgers_;
-  Counts counts_;
+  CrashCounts counts_;
   int round_ = 0;
 };
 

@@ -27,7 +27,7 @@ constexpr std::chrono::milliseconds kLongestStop{300};
 // How much longer it goes on while nothing has come through, as on a very busy machine.
 constexpr std::chrono::seconds kPatience{60};
 
-struct Counts {
+struct HistoryCounts {
   std::atomic<uint64_t> uploads{0}, answers{0}, batches{0}, cut{0}, failures{0};
   int kills = 0, stops = 0;
 
@@ -217,7 +217,7 @@ class HistoryTorture {
   Fleet fleet_;
   std::atomic<bool> stop_{false};
   std::vector<std::vector<Event>> events_;  // by client
-  Counts counts_;
+  HistoryCounts counts_;
 };
 
 }  // namespace

@@ -64,7 +64,7 @@ TEST(OriginTest, PositionsAreTheNearestFloats) {
 }
 
 // The rational number that `value` is, times 2^1074.
-boost::multiprecision::cpp_int Exact(double value) {
+boost::multiprecision::cpp_int ExactDouble(double value) {
   int exponent;
   const double mantissa = std::frexp(value, &exponent);
   boost::multiprecision::cpp_int integer = static_cast<int64_t>(std::ldexp(mantissa, 53));
@@ -79,8 +79,9 @@ TEST(OriginTest, RoundingIsExact) {
     const double given = std::ldexp(mantissa(random), static_cast<int>(random() % 60) - 30);
     const double origin = round % 3 == 0 ? 0 : std::ldexp(mantissa(random), static_cast<int>(random() % 60) - 30);
     const StoredPositions stored = StorePositions({{given, 0, 0}}, {origin, 0, 0});
-    const boost::multiprecision::cpp_int exact = abs(Exact(origin) + Exact(stored.positions[0].x) - Exact(given));
-    const boost::multiprecision::cpp_int reported = Exact(stored.max_rounding);
+    const boost::multiprecision::cpp_int exact =
+        abs(ExactDouble(origin) + ExactDouble(stored.positions[0].x) - ExactDouble(given));
+    const boost::multiprecision::cpp_int reported = ExactDouble(stored.max_rounding);
     EXPECT_LE(boost::multiprecision::cpp_int(abs(exact - reported) << 52), exact)
         << round << " " << given << " " << origin;
   }

@@ -17,7 +17,7 @@ constexpr char kAsciiHeader[] =
     "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n";
 constexpr char kVertices[] = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n";
 
-ReadMeshResult ReadGood(const std::string& bytes) {
+ReadMeshResult ReadGoodPly(const std::string& bytes) {
   auto result = Read(bytes);
   EXPECT_TRUE(result.ok()) << result.status();
   if (!result.ok()) return {};
@@ -25,15 +25,8 @@ ReadMeshResult ReadGood(const std::string& bytes) {
   return *std::move(result);
 }
 
-void Refused(const std::string& bytes, const std::vector<std::string>& parts) {
+void RefusePly(const std::string& bytes, const std::vector<std::string>& parts) {
   ExpectRefused(bytes, MeshFormat::kPly, absl::StatusCode::kInvalidArgument, parts);
-}
-
-// `text` with `from` replaced by `to`.
-std::string With(std::string text, const std::string& from, const std::string& to) {
-  const size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
 }
 
 // The bytes of `value` in the order of the file.
@@ -69,7 +62,7 @@ std::string BinarySquare(bool big) {
 }
 
 TEST(PlyReaderTest, ReadsAscii) {
-  const ReadMeshResult result = ReadGood(std::string(kAsciiHeader) + kVertices + "3 0 1 2\n4 0 1 2 3\n");
+  const ReadMeshResult result = ReadGoodPly(std::string(kAsciiHeader) + kVertices + "3 0 1 2\n4 0 1 2 3\n");
   EXPECT_THAT(result.mesh.positions, ElementsAre(Vec3f{0, 0, 0}, Vec3f{1, 0, 0}, Vec3f{1, 1, 0}, Vec3f{0, 1, 0}));
   EXPECT_THAT(result.mesh.indices, ElementsAre(Corners{0, 1, 2}, Corners{0, 1, 2}, Corners{0, 2, 3}));
   EXPECT_THAT(result.mesh.face_ids, ElementsAre(0, 1, 1));
@@ -82,13 +75,13 @@ TEST(PlyReaderTest, ReadsAsciiWithOtherLineEndsAndAByteOrderMark) {
   for (const std::string end : {"\r\n", "\r", "\n\n"}) {
     std::string other = "\xEF\xBB\xBF";
     for (const char c : text) other += c == '\n' ? end : std::string(1, c);
-    EXPECT_EQ(ReadGood(other).mesh.indices.size(), 3u);
+    EXPECT_EQ(ReadGoodPly(other).mesh.indices.size(), 3u);
   }
 }
 
 TEST(PlyReaderTest, ReadsBothBinaryOrders) {
   for (const bool big : {false, true}) {
-    const ReadMeshResult result = ReadGood(BinarySquare(big));
+    const ReadMeshResult result = ReadGoodPly(BinarySquare(big));
     EXPECT_THAT(result.mesh.positions,
                 ElementsAre(Vec3f{0, 0, -0.5f}, Vec3f{-300, 0, -0.5f}, Vec3f{-300, 1, -0.5f}, Vec3f{0, 1, -0.5f}));
     EXPECT_THAT(result.mesh.indices, ElementsAre(Corners{0, 1, 2}, Corners{0, 2, 3}));
@@ -98,71 +91,71 @@ TEST(PlyReaderTest, ReadsBothBinaryOrders) {
 
 TEST(PlyReaderTest, PassesOverValuesThatAreNotNumbersWhereTheyDoNotCount) {
   const std::string header = With(kAsciiHeader, "property float z\n", "property float z\nproperty float nx\n");
-  EXPECT_EQ(ReadGood(header + "0 0 0 nan\n1 0 0 -\n1 1 0 inf\n0 1 0 1\n3 0 1 2\n3 0 2 3\n").mesh.indices.size(), 2u);
+  EXPECT_EQ(ReadGoodPly(header + "0 0 0 nan\n1 0 0 -\n1 1 0 inf\n0 1 0 1\n3 0 1 2\n3 0 2 3\n").mesh.indices.size(), 2u);
 }
 
 TEST(PlyReaderTest, FacesMayStandBeforeVertices) {
   const std::string text =
       "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_index\nelement vertex 3\n"
       "property double x\nproperty double y\nproperty double z\nend_header\n3 0 1 2\n0 0 0\n1 0 0\n0 1 0\n";
-  EXPECT_THAT(ReadGood(text).mesh.indices, ElementsAre(Corners{0, 1, 2}));
-  Refused(With(text, "3 0 1 2", "3 0 1 3"), {"line 10", "vertex 3", "has 3 vertices, counted from 0"});
+  EXPECT_THAT(ReadGoodPly(text).mesh.indices, ElementsAre(Corners{0, 1, 2}));
+  RefusePly(With(text, "3 0 1 2", "3 0 1 3"), {"line 10", "vertex 3", "has 3 vertices, counted from 0"});
 }
 
 TEST(PlyReaderTest, PointsAloneAreAnEmptyMesh) {
   const std::string text =
       "ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nproperty int y\nproperty int z\nend_header\n1 2 3\n";
-  EXPECT_THAT(ReadGood(text).mesh.indices, IsEmpty());
-  EXPECT_THAT(ReadGood(With(With(text, "vertex 1", "vertex 0"), "1 2 3\n", "")).mesh.positions, IsEmpty());
+  EXPECT_THAT(ReadGoodPly(text).mesh.indices, IsEmpty());
+  EXPECT_THAT(ReadGoodPly(With(With(text, "vertex 1", "vertex 0"), "1 2 3\n", "")).mesh.positions, IsEmpty());
 }
 
 TEST(PlyReaderTest, WarnsOfWhatFollowsTheLastElement) {
-  EXPECT_THAT(ReadGood(std::string(kAsciiHeader) + kVertices + "3 0 1 2\n4 0 1 2 3\n9 9\n").report.warnings,
+  EXPECT_THAT(ReadGoodPly(std::string(kAsciiHeader) + kVertices + "3 0 1 2\n4 0 1 2 3\n9 9\n").report.warnings,
               ElementsAre(HasSubstr("4 bytes after the last element")));
 }
 
 TEST(PlyReaderTest, RefusesMalformedHeaders) {
   const std::string body = std::string(kVertices) + "3 0 1 2\n4 0 1 2 3\n", good = kAsciiHeader + body;
-  Refused("plyx\n", {"line 1", "begins with the line \"ply\""});
-  Refused(With(good, "format ascii 1.0\n", ""), {"line 9", "no line \"format\""});
-  Refused(With(good, "ascii", "utf8"), {"line 2", "\"utf8\" is not a format"});
-  Refused(With(good, "1.0", "2.0"), {"line 2", "version \"2.0\""});
-  Refused(With(good, "comment", "remark"), {"line 3", "\"remark\" is not a statement"});
-  Refused(With(good, "vertex 4", "vertex"), {"line 4", "\"vertex\" has the count \"\""});
-  Refused(With(good, "vertex 4", "vertex -4"), {"line 4", "\"-4\""});
-  Refused(With(good, "vertex 4", "vertex 99999999999999999999"), {"line 4", "\"99999999999999999999\""});
-  Refused(With(good, "element vertex 4", "element"), {"line 4", "needs a name"});
-  Refused(With(good, "element vertex 4\n", ""), {"line 4", "before any element"});
-  Refused(With(good, "element face 2", "element vertex 2"), {"line 8", "\"vertex\" is there twice"});
-  Refused(With(good, "float x", "flat x"), {"line 5", "\"flat\" is not a type"});
-  Refused(With(good, "float x", "float"), {"line 5", "needs a name"});
-  Refused(With(good, "float y", "float x"), {"line 6", "property \"x\" twice"});
-  Refused(With(good, "float y", "float w"), {"line 4", "no property \"y\""});
-  Refused(With(good, "float y", "list uchar float y"), {"line 4", "\"y\" is a list"});
-  Refused(With(good, "uchar int", "float int"), {"line 9", "\"float\" is not a type for the length"});
-  Refused(With(good, "uchar int", "uchar float"), {"line 8", "not a list of integers"});
-  Refused(With(good, "list uchar int vertex_indices", "int vertex_indices"), {"line 8", "not a list of integers"});
-  Refused(With(good, "vertex_indices", "corners"), {"line 8", "no property \"vertex_indices\""});
-  Refused(With(good, "element face", "element tristrips"), {"line 8", "triangle strips"});
-  Refused("ply\nformat ascii 1.0\nend_header\n", {"line 3", "no element \"vertex\""});
-  Refused("ply\nformat ascii 1.0\nelement vertex 4\n", {"line 3", "ends in the header"});
+  RefusePly("plyx\n", {"line 1", "begins with the line \"ply\""});
+  RefusePly(With(good, "format ascii 1.0\n", ""), {"line 9", "no line \"format\""});
+  RefusePly(With(good, "ascii", "utf8"), {"line 2", "\"utf8\" is not a format"});
+  RefusePly(With(good, "1.0", "2.0"), {"line 2", "version \"2.0\""});
+  RefusePly(With(good, "comment", "remark"), {"line 3", "\"remark\" is not a statement"});
+  RefusePly(With(good, "vertex 4", "vertex"), {"line 4", "\"vertex\" has the count \"\""});
+  RefusePly(With(good, "vertex 4", "vertex -4"), {"line 4", "\"-4\""});
+  RefusePly(With(good, "vertex 4", "vertex 99999999999999999999"), {"line 4", "\"99999999999999999999\""});
+  RefusePly(With(good, "element vertex 4", "element"), {"line 4", "needs a name"});
+  RefusePly(With(good, "element vertex 4\n", ""), {"line 4", "before any element"});
+  RefusePly(With(good, "element face 2", "element vertex 2"), {"line 8", "\"vertex\" is there twice"});
+  RefusePly(With(good, "float x", "flat x"), {"line 5", "\"flat\" is not a type"});
+  RefusePly(With(good, "float x", "float"), {"line 5", "needs a name"});
+  RefusePly(With(good, "float y", "float x"), {"line 6", "property \"x\" twice"});
+  RefusePly(With(good, "float y", "float w"), {"line 4", "no property \"y\""});
+  RefusePly(With(good, "float y", "list uchar float y"), {"line 4", "\"y\" is a list"});
+  RefusePly(With(good, "uchar int", "float int"), {"line 9", "\"float\" is not a type for the length"});
+  RefusePly(With(good, "uchar int", "uchar float"), {"line 8", "not a list of integers"});
+  RefusePly(With(good, "list uchar int vertex_indices", "int vertex_indices"), {"line 8", "not a list of integers"});
+  RefusePly(With(good, "vertex_indices", "corners"), {"line 8", "no property \"vertex_indices\""});
+  RefusePly(With(good, "element face", "element tristrips"), {"line 8", "triangle strips"});
+  RefusePly("ply\nformat ascii 1.0\nend_header\n", {"line 3", "no element \"vertex\""});
+  RefusePly("ply\nformat ascii 1.0\nelement vertex 4\n", {"line 3", "ends in the header"});
 }
 
 TEST(PlyReaderTest, RefusesMalformedAsciiBodies) {
   const std::string good = std::string(kAsciiHeader) + kVertices + "3 0 1 2\n3 0 2 3\n";
-  Refused(With(good, "1 1 0", "1 1"), {"line 13", "ends before property \"z\""});
-  Refused(With(good, "1 1 0", "1 1 0 5"), {"line 13", "\"5\" follows the last property"});
-  Refused(With(good, "1 1 0", "1 one 0"), {"line 13", "\"one\" is not a number, in property \"y\""});
-  Refused(With(good, "1 1 0", "1 nan 0"), {"line 13", "\"nan\""});
-  Refused(With(good, "1 1 0", "1 1e39 0"), {"line 13", "y = 1e+39", "float32"});
-  Refused(With(good, "3 0 1 2", "3 0 1"), {"line 15", "ends before property \"vertex_indices\""});
-  Refused(With(good, "3 0 1 2", "2 0 1"), {"line 15", "needs 3 corners or more and has 2"});
-  Refused(With(good, "3 0 1 2", "-3 0 1 2"), {"line 15", "length of list \"vertex_indices\" is -3"});
-  Refused(With(good, "3 0 1 2", "3.5 0 1 2"), {"line 15", "is 3.5"});
-  Refused(With(good, "3 0 1 2", "3 0 1 4"), {"line 15", "vertex 4", "has 4 vertices, counted from 0"});
-  Refused(With(good, "3 0 1 2", "3 0 1 -1"), {"line 15", "vertex -1", "not an index"});
-  Refused(With(good, "3 0 1 2", "3 0 1 0.5"), {"line 15", "vertex 0.5", "not an index"});
-  Refused(With(good, "3 0 2 3\n", ""), {"line 15", "ends after 1 of 2 rows of element \"face\""});
+  RefusePly(With(good, "1 1 0", "1 1"), {"line 13", "ends before property \"z\""});
+  RefusePly(With(good, "1 1 0", "1 1 0 5"), {"line 13", "\"5\" follows the last property"});
+  RefusePly(With(good, "1 1 0", "1 one 0"), {"line 13", "\"one\" is not a number, in property \"y\""});
+  RefusePly(With(good, "1 1 0", "1 nan 0"), {"line 13", "\"nan\""});
+  RefusePly(With(good, "1 1 0", "1 1e39 0"), {"line 13", "y = 1e+39", "float32"});
+  RefusePly(With(good, "3 0 1 2", "3 0 1"), {"line 15", "ends before property \"vertex_indices\""});
+  RefusePly(With(good, "3 0 1 2", "2 0 1"), {"line 15", "needs 3 corners or more and has 2"});
+  RefusePly(With(good, "3 0 1 2", "-3 0 1 2"), {"line 15", "length of list \"vertex_indices\" is -3"});
+  RefusePly(With(good, "3 0 1 2", "3.5 0 1 2"), {"line 15", "is 3.5"});
+  RefusePly(With(good, "3 0 1 2", "3 0 1 4"), {"line 15", "vertex 4", "has 4 vertices, counted from 0"});
+  RefusePly(With(good, "3 0 1 2", "3 0 1 -1"), {"line 15", "vertex -1", "not an index"});
+  RefusePly(With(good, "3 0 1 2", "3 0 1 0.5"), {"line 15", "vertex 0.5", "not an index"});
+  RefusePly(With(good, "3 0 2 3\n", ""), {"line 15", "ends after 1 of 2 rows of element \"face\""});
 }
 
 TEST(PlyReaderTest, CountsThatLieSetNoMemoryAside) {
@@ -173,10 +166,10 @@ TEST(PlyReaderTest, CountsThatLieSetNoMemoryAside) {
     EXPECT_THAT(std::string(status.message()), HasSubstr(count));
   }
   const std::string binary = BinarySquare(false);
-  Refused(With(binary, "junk 2", "junk 4000000000"), {"byte ", "ends in element \"junk\", whose 4000000000 rows"});
+  RefusePly(With(binary, "junk 2", "junk 4000000000"), {"byte ", "ends in element \"junk\", whose 4000000000 rows"});
   // An element without properties has no bytes, however many rows it has.
   EXPECT_EQ(
-      ReadGood(With(binary, "element junk", "element none 18446744073709551615\nelement junk")).mesh.indices.size(),
+      ReadGoodPly(With(binary, "element junk", "element none 18446744073709551615\nelement junk")).mesh.indices.size(),
       2u);
 }
 
@@ -185,18 +178,18 @@ TEST(PlyReaderTest, BinaryErrorsNameTheByte) {
   const size_t faces = good.size() - 2 * 11;
   std::string bad = good;
   bad[faces + 4 + 1 + 2] = 9;
-  Refused(bad, {"byte " + std::to_string(faces), "vertex 9", "has 4 vertices"});
+  RefusePly(bad, {"byte " + std::to_string(faces), "vertex 9", "has 4 vertices"});
   bad = good;
   bad[faces + 4] = 2;
-  Refused(bad, {"byte " + std::to_string(faces), "has 2"});
+  RefusePly(bad, {"byte " + std::to_string(faces), "has 2"});
   bad = good;
   bad[faces + 11 + 4] = 4;
-  Refused(bad,
-          {"byte ", "the file ends in property \"vertex_index\" of the row at byte " + std::to_string(faces + 11)});
+  RefusePly(bad,
+            {"byte ", "the file ends in property \"vertex_index\" of the row at byte " + std::to_string(faces + 11)});
   bad = good;
   const size_t third_vertex = faces - 2 * 16;
   for (int i = 0; i < 8; ++i) bad[third_vertex + 1 + i] = '\xFF';
-  Refused(bad, {"byte " + std::to_string(third_vertex), "z = nan"});
+  RefusePly(bad, {"byte " + std::to_string(third_vertex), "z = nan"});
 }
 
 TEST(PlyReaderTest, EveryTruncationIsRefused) {

@@ -25,8 +25,8 @@ absl::StatusOr<ReadMeshResult> ReadArrays(const std::string& bytes, RawLayout la
   return ReadMesh(bytes, options);
 }
 
-void Refused(const std::string& bytes, RawLayout layout, absl::StatusCode code, const std::vector<std::string>& parts,
-             const MeshLimits& limits = {}) {
+void RefuseRaw(const std::string& bytes, RawLayout layout, absl::StatusCode code, const std::vector<std::string>& parts,
+               const MeshLimits& limits = {}) {
   const absl::Status status = ReadArrays(bytes, layout, limits).status();
   EXPECT_EQ(status.code(), code) << status;
   for (const std::string& part : parts) EXPECT_THAT(std::string(status.message()), HasSubstr(part));
@@ -68,34 +68,34 @@ TEST(RawReaderTest, RefusesSizesThatDoNotFitTheCounts) {
   const auto code = absl::StatusCode::kInvalidArgument;
   const std::string bytes = Bytes<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}) + kIndices;
   for (size_t size = 0; size < bytes.size(); ++size) {
-    Refused(bytes.substr(0, size), {3, 1, false}, code,
-            {"byte " + std::to_string(size), "take 48 bytes, but there are"});
+    RefuseRaw(bytes.substr(0, size), {3, 1, false}, code,
+              {"byte " + std::to_string(size), "take 48 bytes, but there are"});
   }
-  Refused(bytes + "x", {3, 1, false}, code, {"byte 48", "but there are 49"});
-  Refused(bytes, {3, 1, true}, code, {"3 vertices in float64 and 1 triangles take 84 bytes"});
+  RefuseRaw(bytes + "x", {3, 1, false}, code, {"byte 48", "but there are 49"});
+  RefuseRaw(bytes, {3, 1, true}, code, {"3 vertices in float64 and 1 triangles take 84 bytes"});
 }
 
 TEST(RawReaderTest, RefusesBadValues) {
   const auto code = absl::StatusCode::kInvalidArgument;
-  Refused(Bytes<float>({0, 0, 0, 1, NAN, 0, 0, 1, 0}) + kIndices, {3, 1, false}, code,
-          {"byte 16", "vertex 1", "y = nan"});
-  Refused(Bytes<double>({0, 0, 0, 1, 0, 1e39, 0, 1, 0}) + kIndices, {3, 1, true}, code,
-          {"byte 40", "vertex 1", "z = 1e+39"});
-  Refused(Bytes<float>({0, 0, 0}) + Bytes<uint32_t>({0, 0, 0, 0, 1, 0}), {1, 2, false}, code,
-          {"byte 28", "triangle 1 names vertex 1, but there are 1 vertices"});
+  RefuseRaw(Bytes<float>({0, 0, 0, 1, NAN, 0, 0, 1, 0}) + kIndices, {3, 1, false}, code,
+            {"byte 16", "vertex 1", "y = nan"});
+  RefuseRaw(Bytes<double>({0, 0, 0, 1, 0, 1e39, 0, 1, 0}) + kIndices, {3, 1, true}, code,
+            {"byte 40", "vertex 1", "z = 1e+39"});
+  RefuseRaw(Bytes<float>({0, 0, 0}) + Bytes<uint32_t>({0, 0, 0, 0, 1, 0}), {1, 2, false}, code,
+            {"byte 28", "triangle 1 names vertex 1, but there are 1 vertices"});
 }
 
 TEST(RawReaderTest, HoldsToTheLimits) {
   const auto code = absl::StatusCode::kResourceExhausted;
   MeshLimits limits;
   limits.max_vertices = 2;
-  Refused("", {3, 1, false}, code, {"3 vertices", "max_vertices = 2"}, limits);
+  RefuseRaw("", {3, 1, false}, code, {"3 vertices", "max_vertices = 2"}, limits);
   limits = {};
   limits.max_triangles = 0;
-  Refused("", {3, 1, false}, code, {"1 triangles", "max_triangles = 0"}, limits);
+  RefuseRaw("", {3, 1, false}, code, {"1 triangles", "max_triangles = 0"}, limits);
   // Counts whose sizes would wrap round.
-  Refused("", {uint64_t{1} << 62, 0, false}, code, {"max_vertices"});
-  Refused("", {0, ~uint64_t{0}, true}, code, {"max_triangles"});
+  RefuseRaw("", {uint64_t{1} << 62, 0, false}, code, {"max_vertices"});
+  RefuseRaw("", {0, ~uint64_t{0}, true}, code, {"max_triangles"});
 }
 
 }  // namespace

@@ -30,6 +30,13 @@ inline void ExpectRefused(const std::string& bytes, MeshFormat format, absl::Sta
   }
 }
 
+// `text` with `from` replaced by `to`.
+inline std::string With(std::string text, const std::string& from, const std::string& to) {
+  const size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
 using Corners = std::array<uint32_t, 3>;
 
 }  // namespace deltaray

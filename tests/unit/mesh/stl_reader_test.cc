@@ -12,7 +12,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-ReadMeshResult ReadGood(const std::string& bytes) {
+ReadMeshResult ReadGoodStl(const std::string& bytes) {
   auto result = Read(bytes);
   EXPECT_TRUE(result.ok()) << result.status();
   if (!result.ok()) return {};
@@ -20,14 +20,8 @@ ReadMeshResult ReadGood(const std::string& bytes) {
   return *std::move(result);
 }
 
-void Refused(const std::string& bytes, const std::vector<std::string>& parts) {
+void RefuseStl(const std::string& bytes, const std::vector<std::string>& parts) {
   ExpectRefused(bytes, MeshFormat::kStl, absl::StatusCode::kInvalidArgument, parts);
-}
-
-std::string With(std::string text, const std::string& from, const std::string& to) {
-  const size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
 }
 
 using Facet = std::array<Vec3f, 3>;
@@ -61,7 +55,7 @@ constexpr char kAscii[] =
 
 TEST(StlReaderTest, ReadsBinaryWhateverItsHeaderSays) {
   for (const char* header : {"made by hand", "solid as a rock", "solid x\nfacet normal 0 0 0\n", "v 1 2 3"}) {
-    const ReadMeshResult result = ReadGood(Binary(header, kSquare));
+    const ReadMeshResult result = ReadGoodStl(Binary(header, kSquare));
     EXPECT_THAT(result.mesh.positions,
                 ElementsAre(Vec3f{0, 0, 0}, Vec3f{1, 0, 0}, Vec3f{1, 1, 0}, Vec3f{0, 1, 1e-40f}));
     EXPECT_THAT(result.mesh.indices, ElementsAre(Corners{0, 1, 2}, Corners{0, 2, 3}));
@@ -69,11 +63,11 @@ TEST(StlReaderTest, ReadsBinaryWhateverItsHeaderSays) {
     EXPECT_EQ(result.mesh.face_count, 2u);
     EXPECT_EQ(result.report.max_rounding, 0);
   }
-  EXPECT_THAT(ReadGood(Binary("", {})).mesh.indices, IsEmpty());
+  EXPECT_THAT(ReadGoodStl(Binary("", {})).mesh.indices, IsEmpty());
 }
 
 TEST(StlReaderTest, ReadsAsciiWithASolidPerGroup) {
-  const ReadMeshResult result = ReadGood(kAscii);
+  const ReadMeshResult result = ReadGoodStl(kAscii);
   EXPECT_THAT(result.mesh.positions, ElementsAre(Vec3f{0, 0, 0}, Vec3f{1, 0, 0}, Vec3f{1, 1, 0}, Vec3f{0, 1, 0}));
   EXPECT_THAT(result.mesh.indices, ElementsAre(Corners{0, 1, 2}, Corners{0, 2, 3}));
   EXPECT_THAT(result.mesh.groups, ElementsAre("left part"));
@@ -85,39 +79,39 @@ TEST(StlReaderTest, ReadsAsciiWithOtherLineEndsAndAByteOrderMark) {
   for (const std::string end : {"\r\n", "\r", "\n \n"}) {
     std::string text = "\xEF\xBB\xBF\n";
     for (const char c : std::string(kAscii)) text += c == '\n' ? end : std::string(1, c);
-    EXPECT_EQ(ReadGood(text).mesh.indices.size(), 2u);
+    EXPECT_EQ(ReadGoodStl(text).mesh.indices.size(), 2u);
   }
-  EXPECT_THAT(ReadGood("solid nothing\nendsolid nothing").mesh.indices, IsEmpty());
+  EXPECT_THAT(ReadGoodStl("solid nothing\nendsolid nothing").mesh.indices, IsEmpty());
 }
 
 TEST(StlReaderTest, RefusesMalformedAscii) {
-  Refused("", {"line 1", "ends where \"solid\" is expected"});
-  Refused("facet\n", {"line 1", "\"solid\" is expected, not \"facet\""});
-  Refused(With(kAscii, " facet", " face"), {"line 2", "\"facet\" or \"endsolid\" is expected"});
-  Refused(With(kAscii, "outer loop", "outer"), {"line 3", "\"outer loop\" is expected"});
-  Refused(With(kAscii, "   vertex 1 1 0\n", ""), {"line 6", "\"vertex\" is expected, not \"  endloop\""});
-  Refused(With(kAscii, "  endloop\n", "vertex 1 2 3\n"), {"line 7", "\"endloop\" is expected"});
-  Refused(With(kAscii, " endfacet\n", ""), {"line 8", "\"endfacet\" is expected"});
-  Refused(With(kAscii, "1 1 0", "1 1"), {"line 6", "\"\" is not a number, as coordinate 3"});
-  Refused(With(kAscii, "1 1 0", "1 nan 0"), {"line 6", "\"nan\"", "coordinate 2"});
-  Refused(With(kAscii, "1 1 0", "1e39 1 0"), {"line 6", "x = 1e+39"});
-  Refused(With(kAscii, "1 1 0", "1 1 0 0"), {"line 6", "\"0\" follows"});
-  Refused(With(kAscii, "ENDSOLID\n", "ENDSOLID\nhello\n"), {"line 19", "\"solid\" is expected, not \"hello\""});
+  RefuseStl("", {"line 1", "ends where \"solid\" is expected"});
+  RefuseStl("facet\n", {"line 1", "\"solid\" is expected, not \"facet\""});
+  RefuseStl(With(kAscii, " facet", " face"), {"line 2", "\"facet\" or \"endsolid\" is expected"});
+  RefuseStl(With(kAscii, "outer loop", "outer"), {"line 3", "\"outer loop\" is expected"});
+  RefuseStl(With(kAscii, "   vertex 1 1 0\n", ""), {"line 6", "\"vertex\" is expected, not \"  endloop\""});
+  RefuseStl(With(kAscii, "  endloop\n", "vertex 1 2 3\n"), {"line 7", "\"endloop\" is expected"});
+  RefuseStl(With(kAscii, " endfacet\n", ""), {"line 8", "\"endfacet\" is expected"});
+  RefuseStl(With(kAscii, "1 1 0", "1 1"), {"line 6", "\"\" is not a number, as coordinate 3"});
+  RefuseStl(With(kAscii, "1 1 0", "1 nan 0"), {"line 6", "\"nan\"", "coordinate 2"});
+  RefuseStl(With(kAscii, "1 1 0", "1e39 1 0"), {"line 6", "x = 1e+39"});
+  RefuseStl(With(kAscii, "1 1 0", "1 1 0 0"), {"line 6", "\"0\" follows"});
+  RefuseStl(With(kAscii, "ENDSOLID\n", "ENDSOLID\nhello\n"), {"line 19", "\"solid\" is expected, not \"hello\""});
 }
 
 TEST(StlReaderTest, RefusesMalformedBinary) {
   const std::string good = Binary("solid", kSquare);
-  Refused(good + "x", {"byte 80", "2 triangles take 184 bytes, but the file has 185"});
-  Refused(good.substr(0, 183), {"byte 80", "take 184 bytes, but the file has 183"});
-  Refused(std::string("\0\1\2", 3), {"byte 3", "84 bytes or more"});
+  RefuseStl(good + "x", {"byte 80", "2 triangles take 184 bytes, but the file has 185"});
+  RefuseStl(good.substr(0, 183), {"byte 80", "take 184 bytes, but the file has 183"});
+  RefuseStl(std::string("\0\1\2", 3), {"byte 3", "84 bytes or more"});
   std::string lying = good;
   std::memset(lying.data() + 80, 0xFF, 4);
-  Refused(lying, {"byte 80", "4294967295 triangles take 214748364834 bytes"});
+  RefuseStl(lying, {"byte 80", "4294967295 triangles take 214748364834 bytes"});
   std::vector<Facet> bad = kSquare;
   bad[1][2].y = std::numeric_limits<float>::infinity();
-  Refused(Binary("", bad), {"byte 134", "y = inf"});
+  RefuseStl(Binary("", bad), {"byte 134", "y = inf"});
   bad[1][2].y = NAN;
-  Refused(Binary("", bad), {"byte 134", "y = nan"});
+  RefuseStl(Binary("", bad), {"byte 134", "y = nan"});
 }
 
 TEST(StlReaderTest, EveryTruncationIsRefusedOrEndsASolid) {

@@ -28,15 +28,15 @@ double DoubledArea(const Polygon& polygon, const std::vector<uint32_t>& corners)
   return area;
 }
 
-struct Result {
+struct Triangulated {
   bool simple = false;
   Triangulator::Triangles triangles;
 };
 
-Result Triangulate(const Polygon& polygon) {
+Triangulated Triangulate(const Polygon& polygon) {
   std::vector<uint32_t> corners(polygon.size());
   std::iota(corners.begin(), corners.end(), 0);
-  Result result;
+  Triangulated result;
   result.triangles = {{7, 7, 7}};  // What was there before stays.
   result.simple = Triangulator(polygon).Append(corners, &result.triangles);
   EXPECT_EQ(result.triangles[0], (std::array<uint32_t, 3>{7, 7, 7}));
@@ -48,7 +48,7 @@ Result Triangulate(const Polygon& polygon) {
 // Expects a triangulation of a simple polygon that lies in x and y: the triangles turn as the polygon does, their areas
 // add up, every edge of the polygon is an edge of one triangle, every other edge of two. Returns how many have no area.
 int ExpectGood(const Polygon& polygon) {
-  const Result result = Triangulate(polygon);
+  const Triangulated result = Triangulate(polygon);
   EXPECT_TRUE(result.simple);
   std::vector<uint32_t> corners(polygon.size());
   std::iota(corners.begin(), corners.end(), 0);
@@ -183,7 +183,7 @@ Polygon RandomGridPolygon(int cells, std::mt19937* random) {
 }
 
 TEST(TriangulateTest, TriangleStaysAsItIs) {
-  const Result result = Triangulate({{0, 0, 0}, {0, 1, 0}, {1, 0, 0}});
+  const Triangulated result = Triangulate({{0, 0, 0}, {0, 1, 0}, {1, 0, 0}});
   EXPECT_TRUE(result.simple);
   EXPECT_THAT(result.triangles, testing::ElementsAre(std::array<uint32_t, 3>{0, 1, 2}));
 }
@@ -280,7 +280,7 @@ TEST(TriangulateTest, AnyPlaneOfSpace) {
     const Vec3d u{normal(random), normal(random), normal(random)}, v{normal(random), normal(random), normal(random)};
     Polygon polygon;
     for (const Vec3f& p : flat) polygon.push_back(static_cast<Vec3f>(double{p.x} * u + double{p.y} * v));
-    const Result result = Triangulate(polygon);
+    const Triangulated result = Triangulate(polygon);
     EXPECT_TRUE(result.simple);
     Vec3d sum, total;
     double areas = 0;
@@ -301,7 +301,7 @@ TEST(TriangulateTest, AnyPlaneOfSpace) {
 
 TEST(TriangulateTest, WhatIsNotSimpleBecomesAFan) {
   const auto expect_fan = [](const Polygon& polygon) {
-    const Result result = Triangulate(polygon);
+    const Triangulated result = Triangulate(polygon);
     EXPECT_FALSE(result.simple);
     for (uint32_t i = 0; i + 2 < polygon.size(); ++i) {
       EXPECT_EQ(result.triangles[i], (std::array<uint32_t, 3>{0, i + 1, i + 2}));
