@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # usage: balancer.sh [--rounds N] [--rays N] [--quick] [--bin BIN]
 # nginx, by docker/balancer/nginx.conf, before three servers on one data directory, rays at full load: how fast against the
-# servers without it; then, N times (5; quick: 2), one server is killed with SIGKILL and started again. No answer may be
+# servers without it; then, N times (5; quick: 1), one server is killed with SIGKILL and started again. No answer may be
 # wrong or missing, and no client may fail; they see a pause. Tells how many trees had to be built again for it. A stream
 # has 4 and then 20 times so many rays (200,000; quick: 50,000).
 here=$(dirname "${BASH_SOURCE[0]}")
@@ -10,7 +10,7 @@ rounds=5 seconds=10 meshes=12 rays=200000
 bin=$here/../../build/bin
 while [ $# -gt 0 ]; do
   case "$1" in
-    --quick) rounds=2 seconds=2 rays=50000; shift ;;
+    --quick) rounds=1 seconds=2 rays=50000; shift ;;
     --rounds) rounds=$2; shift 2 ;;
     --rays) rays=$2; shift 2 ;;
     --bin) bin=$2; shift 2 ;;
