@@ -1,14 +1,17 @@
 #!/usr/bin/env bash
-# usage: starve.sh [--quick] [--bin BIN]
+# usage: starve.sh [--quick] [--bin BIN] [--with-descriptors]
 # A server without file descriptors, disk, memory or threads, and with clients that stop, die or never speak: it survives
 # each, and answers as before once the want is over, without a restart.
-# --quick is what it always is.
+# --quick is what it always is. --with-descriptors leaves out their want, which programs that are compiled with the
+# undefined-behaviour sanitizer cannot bear: it takes two of them to look at a pointer.
+want_descriptors=1
 bin=$(dirname "${BASH_SOURCE[0]}")/../../build/bin
 while [ $# -gt 0 ]; do
   case "$1" in
     --quick) shift ;;
     --bin) bin=$2; shift 2 ;;
-    *) echo "usage: starve.sh [--quick] [--bin BIN]" >&2; exit 2 ;;
+    --with-descriptors) want_descriptors=; shift ;;
+    *) echo "usage: starve.sh [--quick] [--bin BIN] [--with-descriptors]" >&2; exit 2 ;;
   esac
 done
 set -- "$bin"
@@ -65,18 +68,20 @@ release() {
 limit=(prlimit --pid)
 
 # --- file descriptors: more connections than there are numbers for
-start_server
-works start
-count=$(ls "/proc/$server/fd" | wc -l)
-"${limit[@]}" "$server" --nofile=$((count + 20)):
-hold 100
-expect 78 client --timeout 2 list
-expect_text "$scratch/server.log" 'no file descriptors for new connections'
-release
-"${limit[@]}" "$server" --nofile=1024:
-works "file descriptors"
-tell "file descriptors (${#held[@]} connections)"
-stop_server
+if [ -n "$want_descriptors" ]; then
+  start_server
+  works start
+  count=$(ls "/proc/$server/fd" | wc -l)
+  "${limit[@]}" "$server" --nofile=$((count + 20)):
+  hold 100
+  expect 78 client --timeout 2 list
+  expect_text "$scratch/server.log" 'no file descriptors for new connections'
+  release
+  "${limit[@]}" "$server" --nofile=1024:
+  works "file descriptors"
+  tell "file descriptors (${#held[@]} connections)"
+  stop_server
+fi
 
 # --- connections: those that never speak are closed, and do not shut out those that do
 export DELTARAY_MAX_CONNECTIONS=50
