@@ -35,8 +35,9 @@ void AddBuildFlags(CLI::App& command, const std::function<v1::BuildOptions&()>& 
           "Cost of a ray-triangle intersection [by builder]")
       ->group(group);
   command
-      .add_flag_callback(
-          "--lazy", [options] { options().set_lazy(true); }, "Build a delta-leaf when the first ray reaches it")
+      .add_flag_function(
+          "--lazy", [options](int64_t times) { options().set_lazy(times > 0); },
+          "Build a delta-leaf when the first ray reaches it")
       ->group(group);
 }
 

@@ -61,6 +61,14 @@ void AddGlobalFlags(CLI::App& app, Session& session) {
   app.set_version_flag("--version", "deltaray " DELTARAY_VERSION);
 }
 
+// Tells why a command has failed, and returns its exit code.
+int Exit(const absl::Status& status, const Session& session) {
+  if (!status.ok() && !IsOutputClosed(status)) {
+    (void)WriteOutput(session.messages, absl::StrCat("deltaray: ", ErrorText(status), "\n"));
+  }
+  return ExitCode(status);
+}
+
 }  // namespace
 
 int RunCommandLine(int argc, const char* const* argv, Session& session) {
@@ -82,16 +90,12 @@ int RunCommandLine(int argc, const char* const* argv, Session& session) {
       messages.str(absl::StrCat("There is no command '", Printable(app.remaining().front()),
                                 "'\nRun with --help for more information.\n"));
     }
+    if (code == 0) return Exit(WriteOutput(session.output, output.str()), session);
     // Where even this cannot be written, there is nowhere left to say so.
-    (void)WriteOutput(session.output, output.str());
     (void)WriteOutput(session.messages, messages.str());
-    return code == 0 ? 0 : kExitUsage;
+    return kExitUsage;
   }
-  const absl::Status status = run(session);
-  if (!status.ok() && !IsOutputClosed(status)) {
-    (void)WriteOutput(session.messages, absl::StrCat("deltaray: ", ErrorText(status), "\n"));
-  }
-  return ExitCode(status);
+  return Exit(run(session), session);
 }
 
 }  // namespace deltaray

@@ -136,7 +136,9 @@ absl::Status GenerateRays(Connection& connection, const v1::Mesh& mesh, Generate
   const absl::StatusOr<std::vector<Start>> starts = FindStarts(connection, mesh, *camera);
   if (!starts.ok()) return starts.status();
   const Vec3 light = Add(camera->eye(), Scale(Add(camera->right(), camera->up()), radius));
-  if (kind == GeneratedRays::kShadow) request->mutable_query()->set_t_max(1);
+  v1::RayQuery& query = *request->mutable_query();
+  // Not beyond the light, which is at 1.
+  if (kind == GeneratedRays::kShadow && !(query.has_t_max() && query.t_max() < 1)) query.set_t_max(1);
   for (uint32_t i = 0; i < count; ++i) {
     const Start& start = (*starts)[random.Below(starts->size())];
     // A point of the sphere that touches the surface from outside: directions by the cosine of the angle.

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/enum_names.h"
 #include "client/text_table.h"
@@ -19,8 +20,10 @@ std::string TimeText(const google::protobuf::Timestamp& time) {
       google::protobuf::util::TimeUtil::SecondsToTimestamp(time.seconds()));
 }
 
-// Six digits are enough to read; --format json has all.
-std::string PointText(const v1::Point& point) { return absl::StrCat(point.x(), " ", point.y(), " ", point.z()); }
+// Nine digits tell coordinates far from zero apart; --format json has all.
+std::string PointText(const v1::Point& point) {
+  return absl::StrFormat("%.9g %.9g %.9g", point.x(), point.y(), point.z());
+}
 
 void AddStrings(TextTable& table, const std::string& label,
                 const google::protobuf::RepeatedPtrField<std::string>& strings) {

@@ -3,9 +3,12 @@
 #ifndef CLIENT_NAMED_OPTION_H_
 #define CLIENT_NAMED_OPTION_H_
 
+#include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -17,6 +20,17 @@ namespace deltaray {
 // CLI11's checks of ranges let it pass.
 inline std::string NotNan(const std::string& number) {
   return std::isnan(std::strtod(number.c_str(), nullptr)) ? number + " is not a number" : "";
+}
+
+// A path or a name that is given, but empty, as where a script's variable is not set.
+inline std::string NotEmpty(const std::string& text) { return text.empty() ? "is empty" : ""; }
+
+// CLI11 takes negative numbers of 64 bits for great ones, and too great ones for the greatest.
+inline std::string WholeNumber(const std::string& number) {
+  uint64_t value;
+  const char* const end = number.data() + number.size();
+  const auto [rest, error] = std::from_chars(number.data(), end, value);
+  return error == std::errc() && rest == end ? "" : number + " is not a whole number from 0 to 2^64 - 1";
 }
 
 // Names and what they stand for, in the order that --help shows them.

@@ -8,13 +8,17 @@ void AddRayFlags(CLI::App& command, v1::RayQuery& query) {
   AddEnumOption<v1::Culling>(
       command, "--cull", [&query](v1::Culling culling) { query.set_culling(culling); },
       "Side of the triangles to ignore [none]");
-  command.add_option_function<float>(
-      "--t-min", [&query](const float& t) { query.set_t_min(t); },
-      "Start of the interval of t, inclusive, for rays without one of their own; the exact "
-      "t of a hit counts, of which the one printed is rounded [0]");
-  command.add_option_function<float>(
-      "--t-max", [&query](const float& t) { query.set_t_max(t); },
-      "End of the interval of t, inclusive, likewise [inf]");
+  command
+      .add_option_function<float>(
+          "--t-min", [&query](const float& t) { query.set_t_min(t); },
+          "Start of the interval of t, inclusive, for rays without one of their own; the exact "
+          "t of a hit counts, of which the one printed is rounded [0]")
+      ->check(NotNan);
+  command
+      .add_option_function<float>(
+          "--t-max", [&query](const float& t) { query.set_t_max(t); },
+          "End of the interval of t, inclusive, likewise [inf]")
+      ->check(NotNan);
 }
 
 void AddRaysFormatFlag(CLI::App& command, std::optional<v1::RayLayout>& layout) {

@@ -131,7 +131,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Limits", "max-batch-rays", server.batch.max_rays, "Rays of one batch")->check(CLI::Range(1, 1 << 30));
   AddFlag(app, "Limits", "max-message-bytes", server.batch.max_message_bytes, "Bytes of one message, either way")
       ->transform(size)
-      ->check(CLI::Range(1 << 16, 1 << 30));
+      ->check(CLI::Range(4 << 20, 1 << 30));
   AddFlag(app, "Limits", "network-bytes", server.network_bytes,
           "Bytes of messages on their way in, over all connections; at least four messages")
       ->transform(size)

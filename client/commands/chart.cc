@@ -101,6 +101,9 @@ absl::Status WriteResult(const ChartOptions& options, const Session& session,
 }
 
 absl::Status Chart(const ChartOptions& options, const Session& session) {
+  if (options.csv_path == options.output_path) {
+    return UsageError(absl::StrCat("--csv and --output would both be written to ", options.csv_path));
+  }
   v1::CompareAccuracyRequest request = options.request;
   if (!options.rays_path.empty()) {
     if (absl::Status status = ReadRays(options, session, &request); !status.ok()) return status;
@@ -133,7 +136,7 @@ absl::Status Chart(const ChartOptions& options, const Session& session) {
 
 // Standard output is taken by what --format says.
 std::string NotStandardOutput(const std::string& path) {
-  return path == "-" ? "the measurements go to standard output; name a file" : "";
+  return IsStandardOutput(path) ? "the measurements go to standard output; name a file" : "";
 }
 
 void AddRaysFlags(CLI::App& command, ChartOptions& options) {
@@ -148,7 +151,10 @@ void AddRaysFlags(CLI::App& command, ChartOptions& options) {
       ->type_name("N")
       ->capture_default_str()
       ->excludes(rays);
-  command.add_option("--seed", options.seed, "What they are made from")->capture_default_str()->excludes(rays);
+  command.add_option("--seed", options.seed, "What they are made from")
+      ->check(WholeNumber)
+      ->capture_default_str()
+      ->excludes(rays);
 }
 
 }  // namespace
@@ -162,7 +168,9 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
           "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
       ->required();
   command.add_option("-o,--output", options->output_path, "SVG file to write")->required()->check(NotStandardOutput);
-  command.add_option("--csv", options->csv_path, "CSV file to write, a row a level")->check(NotStandardOutput);
+  command.add_option("--csv", options->csv_path, "CSV file to write, a row a level")
+      ->check(NotStandardOutput)
+      ->check(NotEmpty);
   AddRaysFlags(command, *options);
   AddNamedOption<v1::QueryKind>(
       command, "--kind", {{"closest", v1::QUERY_KIND_CLOSEST_HIT}, {"any", v1::QUERY_KIND_ANY_HIT}},
@@ -175,7 +183,7 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
       ->check(CLI::Range(1, 32))
       ->type_name("N");
   command.add_option("--max-wrong-per-million", options->max_wrong_per_million, "Wrong answers that you can live with")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0.0, 1e6))
       ->check(NotNan)
       ->type_name("X")
       ->capture_default_str();

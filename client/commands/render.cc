@@ -120,7 +120,8 @@ absl::Status Render(const RenderOptions& options, const Session& session) {
 
   const absl::StatusOr<std::string> png = EncodePng(shading.Finish());
   if (!png.ok()) return png.status();
-  status = options.output_path == "-" ? WriteOutput(session.output, *png) : WriteWholeFile(options.output_path, *png);
+  status = IsStandardOutput(options.output_path) ? WriteOutput(session.output, *png)
+                                                 : WriteWholeFile(options.output_path, *png);
   if (!status.ok()) return status;
   return WriteOutput(session.messages,
                      absl::StrFormat("%s rays, %s hits, %.3f s, %.2f million rays per second\n", GroupDigits(pixels),

@@ -12,6 +12,7 @@
 #include "client/exit_code.h"
 #include "client/file_digest.h"
 #include "client/input_file.h"
+#include "client/named_option.h"
 #include "client/output_file.h"
 #include "client/progress_bar.h"
 #include "client/retry.h"
@@ -132,11 +133,13 @@ void AddRawLayoutFlags(CLI::App& command, v1::UploadHeader& header) {
       .add_option_function<uint64_t>(
           "--vertices", [&header](const uint64_t& count) { header.mutable_raw_layout()->set_vertex_count(count); },
           "Number of vertices")
+      ->check(WholeNumber)
       ->group(group);
   command
       .add_option_function<uint64_t>(
           "--triangles", [&header](const uint64_t& count) { header.mutable_raw_layout()->set_triangle_count(count); },
           "Number of triangles")
+      ->check(WholeNumber)
       ->group(group);
   AddEnumOption<v1::ScalarType>(
       command, "--positions", [&header](v1::ScalarType type) { header.mutable_raw_layout()->set_position_type(type); },

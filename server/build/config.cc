@@ -1,8 +1,10 @@
 #include "server/build/config.h"
 
+#include <charconv>
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "server/build/sah.h"
 
 namespace deltaray {
@@ -11,7 +13,10 @@ namespace {
 // Written so that NaN is out of range.
 absl::Status CheckRange(const char* field, double value, double least, double most) {
   if (value >= least && value <= most) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(field, " is ", value, "; it must be ", least, " to ", most));
+  // As short as tells it from all other numbers: what is just over a limit is not to look like it.
+  char text[32];
+  const absl::string_view given(text, static_cast<size_t>(std::to_chars(text, text + sizeof(text), value).ptr - text));
+  return absl::InvalidArgumentError(absl::StrCat(field, " is ", given, "; it must be ", least, " to ", most));
 }
 
 }  // namespace

@@ -91,10 +91,11 @@ class CallReactor : public Reactor, public Call {
   void OnCancel() override {
     SetCancelled();
     MutexLock lock(mutex_);
-    // gRPC cancels calls whose deadline has passed, too.
+    // gRPC cancels calls whose deadline has passed, and those that the server cuts off, too.
     const bool late = context_->deadline() <= std::chrono::system_clock::now();
-    FinishOnce(late ? absl::DeadlineExceededError("the deadline of the call has passed")
-                    : absl::CancelledError("cancelled by the client"));
+    FinishOnce(late                ? absl::DeadlineExceededError("the deadline of the call has passed")
+               : calls_->cut_off() ? CutOffError()
+                                   : absl::CancelledError("cancelled by the client"));
   }
 
   void OnDone() override {

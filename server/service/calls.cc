@@ -10,6 +10,8 @@ namespace deltaray {
 
 absl::Status DrainingError() { return absl::UnavailableError("the server is draining"); }
 
+absl::Status CutOffError() { return absl::UnavailableError("cut off at the end of the server's drain"); }
+
 absl::Status Calls::Add(const std::shared_ptr<Call>& call, RpcInfo rpc) {
   rpc.record = &call->record();
   absl::Status status;
@@ -71,7 +73,10 @@ absl::Status Calls::IdleError(absl::string_view what) const {
 bool Calls::WaitUntilNone(std::chrono::steady_clock::time_point deadline) {
   MutexLock lock(mutex_);
   while (!calls_.empty()) {
-    if (changed_.wait_until(mutex_, deadline) == std::cv_status::timeout) return calls_.empty();
+    if (changed_.wait_until(mutex_, deadline) == std::cv_status::timeout) {
+      cut_off_.store(!calls_.empty(), std::memory_order_relaxed);
+      return calls_.empty();
+    }
   }
   return true;
 }

@@ -3,6 +3,7 @@
 #ifndef SERVER_SERVICE_CALLS_H_
 #define SERVER_SERVICE_CALLS_H_
 
+#include <atomic>
 #include <chrono>
 #include <memory>
 #include <unordered_map>
@@ -35,8 +36,9 @@ class Call {
   CallRecord record_;
 };
 
-// What a call that the drain ends or refuses is told.
+// What a call that the drain ends or refuses is told, and one that it cuts off.
 absl::Status DrainingError();
+absl::Status CutOffError();
 
 // All calls under way. Thread-safe.
 class Calls {
@@ -60,8 +62,10 @@ class Calls {
 
   // Lets no call in any more, and tells those under way.
   void Drain();
-  // Waits until no call is left. False where some are at the deadline.
+  // Waits until no call is left. False where some are at the deadline: they are to be cut off.
   bool WaitUntilNone(std::chrono::steady_clock::time_point deadline);
+  // Whether calls are being cut off.
+  bool cut_off() const { return cut_off_.load(std::memory_order_relaxed); }
 
  private:
   struct UnderWay {
@@ -77,6 +81,7 @@ class Calls {
   const std::chrono::milliseconds idle_timeout_;
   Mutex mutex_;
   Condition changed_;
+  std::atomic<bool> cut_off_{false};
   std::unordered_map<const Call*, UnderWay> calls_ ABSL_GUARDED_BY(mutex_);
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };

@@ -39,6 +39,10 @@ absl::Status ValidateMetricsAddress(absl::string_view address) {
   if (absl::StartsWith(address, "unix:")) {
     return absl::InvalidArgumentError(absl::StrCat("'", address, "' is not host:port"));
   }
+  // The library that serves them is commonly compiled without.
+  if (absl::StartsWith(address, "[")) {
+    return absl::InvalidArgumentError(absl::StrCat("'", address, "' is of IPv6, where metrics are not served"));
+  }
   return ValidateListenAddress(address);
 }
 

@@ -49,6 +49,13 @@ std::string FolderOf(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
+// Of a file that was to be made: where its folder is gone, so is the data directory.
+absl::Status CreationError(int error, absl::string_view action, const std::string& path) {
+  if (error == ENOENT)
+    return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", FolderOf(path)));
+  return FileError(error, action, path);
+}
+
 // Whether the writer of an open temporary is gone, as far as can be told.
 bool IsAbandoned(int fd) {
   if (Retry([&] { return flock(fd, LOCK_EX | LOCK_NB); }) == 0) return true;
@@ -175,7 +182,7 @@ absl::Status RemoveFiles(std::span<const std::string> paths) {
 
 absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {
   FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode); }));
-  if (!file.IsOpen()) return FileError(errno, "open", path);
+  if (!file.IsOpen()) return CreationError(errno, "open", path);
   const auto deadline = std::chrono::steady_clock::now() + timeout;
   while (Retry([&] { return flock(file.get(), LOCK_EX | LOCK_NB); }) != 0 && errno == EWOULDBLOCK) {
     if (std::chrono::steady_clock::now() >= deadline) {
@@ -193,7 +200,7 @@ absl::StatusOr<TemporaryFile> TemporaryFile::Create(const std::string& folder) {
     FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode); }));
     if (!file.IsOpen()) {
       if (errno == EEXIST) continue;
-      return FileError(errno, "create", path);
+      return CreationError(errno, "create", path);
     }
     TemporaryFile temporary(std::move(file), std::move(path));
     if (Retry([&] { return flock(temporary.file_.get(), LOCK_EX | LOCK_NB); }) != 0 && errno == EWOULDBLOCK) continue;
@@ -231,9 +238,10 @@ absl::StatusOr<FileDescriptor> TemporaryFile::TakeUnnamed() && {
 absl::StatusOr<FileDescriptor> CreateUnnamedFile(const std::string& folder) {
   FileDescriptor file(Retry([&] { return open(folder.c_str(), O_TMPFILE | O_EXCL | O_RDWR | O_CLOEXEC, kFileMode); }));
   if (file.IsOpen()) return file;
-  if (errno == ENOENT) return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", folder));
   // NFS, FUSE and others have no O_TMPFILE.
-  if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) return FileError(errno, "create a file in", folder);
+  if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) {
+    return CreationError(errno, "create", absl::StrCat(folder, "/"));
+  }
   absl::StatusOr<TemporaryFile> temporary = TemporaryFile::Create(folder);
   if (!temporary.ok()) return temporary.status();
   return std::move(*temporary).TakeUnnamed();

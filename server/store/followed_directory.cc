@@ -135,10 +135,10 @@ bool FollowedDirectory::IsThere(const std::string& id) {
   return ReadMesh(id, &dropped).ok();
 }
 
-bool FollowedDirectory::IsWhole(const std::string& id) {
+EntryPointer FollowedDirectory::FindWhole(const std::string& id) {
   DroppedEntries dropped;
   MutexLock lock(mutex_);
-  return ReadWhole(id, &dropped) != nullptr;
+  return ReadWhole(id, &dropped);
 }
 
 void FollowedDirectory::Follow() {

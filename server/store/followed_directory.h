@@ -53,8 +53,8 @@ class FollowedDirectory {
   absl::StatusOr<EntryPointer> Find(absl::string_view mesh);
   // Whether a mesh is on disk now, whatever was known of it.
   bool IsThere(const std::string& id);
-  // Whether a mesh's file is there and not known to be damaged.
-  bool IsWhole(const std::string& id);
+  // A mesh whose file is there and not known to be damaged; else null.
+  EntryPointer FindWhole(const std::string& id);
 
   // Held while the directory is read or changed and the catalog with it, so that both change in the same order.
   Mutex& mutex() ABSL_LOCK_RETURNED(mutex_) { return mutex_; }

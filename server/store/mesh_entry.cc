@@ -16,6 +16,9 @@ namespace {
 // A build may have failed for what passes: a disk that could not be read, memory that was short.
 constexpr std::chrono::seconds kTryAgain{1};
 
+// Whether reading a mesh's file has told that it is lost or damaged.
+bool IsLost(const absl::Status& read) { return absl::IsDataLoss(read) || absl::IsNotFound(read); }
+
 }  // namespace
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget)
@@ -46,6 +49,15 @@ Config MeshEntry::config() const {
 bool MeshEntry::file_is_lost() const {
   MutexLock lock(mutex_);
   return file_is_lost_;
+}
+
+absl::StatusOr<bool> MeshEntry::CheckFile(const std::function<bool()>& cancelled) {
+  const absl::Status read = CheckMeshFile(path_, id(), cancelled);
+  const bool is_lost = IsLost(read);
+  if (!read.ok() && !is_lost) return read;
+  MutexLock lock(mutex_);
+  file_is_lost_ = is_lost;
+  return !is_lost;
 }
 
 void MeshEntry::Start(LoadedMesh loaded) {
@@ -295,7 +307,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshEntry::LoadMesh(const st
   const auto mesh = read.ok() ? std::make_shared<const TriangleMesh>(*std::move(read)) : nullptr;
 
   MutexLock lock(mutex_);
-  file_is_lost_ = absl::IsDataLoss(read.status()) || absl::IsNotFound(read.status());
+  file_is_lost_ = IsLost(read.status());
   if (!mesh) return read.status();
   mesh_ = mesh;
   return mesh;

@@ -45,6 +45,9 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   Config config() const;
   // Whether the mesh's file turned out to be lost or damaged when it was read.
   bool file_is_lost() const;
+  // Reads the mesh's file and checks it. False: it is lost or damaged, and file_is_lost() from here on. Errors as of
+  // CheckMeshFile, where it cannot be told.
+  absl::StatusOr<bool> CheckFile(const std::function<bool()>& cancelled);
 
   uint64_t stored_bytes() const { return info_.stored_bytes; }
 

@@ -185,6 +185,39 @@ absl::StatusOr<MeshFileHead> ReadHead(const FileDescriptor& file, const std::str
   return head;
 }
 
+struct MeshFile {
+  std::string path, id;
+  FileDescriptor file;
+  MeshFileHead head;
+};
+
+absl::StatusOr<MeshFile> OpenMeshFile(const std::string& path, const std::string& id) {
+  absl::StatusOr<FileDescriptor> file = OpenToRead(path);
+  if (!file.ok()) return file.status();
+  absl::StatusOr<MeshFileHead> head = ReadHead(*file, path);
+  if (!head.ok()) return head.status();
+  if (head->info.id != id) return Damaged(path, "holds a mesh of another id");
+  return MeshFile{path, id, *std::move(file), *std::move(head)};
+}
+
+// Reads the geometry piece by piece to where room(offset, bytes) says, and checks it.
+absl::Status ReadPayload(const MeshFile& file, const std::function<bool()>& cancelled,
+                         const std::function<std::span<char>(uint64_t offset, size_t bytes)>& room) {
+  Sha256 sha256;
+  for (uint64_t offset = 0; offset < file.head.payload_bytes;) {
+    if (cancelled()) return absl::CancelledError("cancelled while the mesh was read");
+    const size_t bytes = std::min<uint64_t>(kReadBytes, file.head.payload_bytes - offset);
+    const std::span<char> piece = room(offset, bytes);
+    if (absl::Status status = ReadAt(file.file, file.head.payload_offset + offset, piece, file.path); !status.ok()) {
+      return status;
+    }
+    sha256.Update({piece.data(), piece.size()});
+    offset += bytes;
+  }
+  if (absl::BytesToHexString(sha256.Finish()) == file.id) return absl::OkStatus();
+  return Damaged(file.path, "has a wrong checksum of its geometry");
+}
+
 }  // namespace
 
 absl::StatusOr<MeshDigest> DigestMesh(const TriangleMesh& mesh) {
@@ -232,32 +265,31 @@ absl::StatusOr<MeshInfo> ReadMeshFileInfo(const std::string& path) {
 
 absl::StatusOr<TriangleMesh> ReadMeshFile(const std::string& path, const std::string& id,
                                           const std::function<bool()>& cancelled) {
-  const absl::StatusOr<FileDescriptor> file = OpenToRead(path);
+  absl::StatusOr<MeshFile> file = OpenMeshFile(path, id);
   if (!file.ok()) return file.status();
-  const absl::StatusOr<MeshFileHead> head = ReadHead(*file, path);
-  if (!head.ok()) return head.status();
-  if (head->info.id != id) return Damaged(path, "holds a mesh of another id");
 
   // Read, not mapped: a mapped file that somebody cuts short would kill the server.
-  const std::unique_ptr<char[]> buffer(new (std::nothrow) char[head->payload_bytes]);
+  const std::unique_ptr<char[]> buffer(new (std::nothrow) char[file->head.payload_bytes]);
   if (!buffer) return absl::ResourceExhaustedError(absl::StrCat("no memory to read mesh file ", path));
-  const std::span<char> payload(buffer.get(), head->payload_bytes);
-  Sha256 sha256;
-  for (size_t offset = 0; offset < payload.size();) {
-    if (cancelled()) return absl::CancelledError("cancelled while the mesh was read");
-    const std::span<char> piece = payload.subspan(offset, std::min(kReadBytes, payload.size() - offset));
-    if (absl::Status status = ReadAt(*file, head->payload_offset + offset, piece, path); !status.ok()) return status;
-    sha256.Update({piece.data(), piece.size()});
-    offset += piece.size();
-  }
-  if (absl::BytesToHexString(sha256.Finish()) != id) return Damaged(path, "has a wrong checksum of its geometry");
+  const std::span<char> payload(buffer.get(), file->head.payload_bytes);
+  absl::Status read =
+      ReadPayload(*file, cancelled, [&](uint64_t offset, size_t bytes) { return payload.subspan(offset, bytes); });
+  if (!read.ok()) return read;
 
   absl::StatusOr<TriangleMesh> mesh = ReadCanonical(payload);
   if (!mesh.ok()) return Damaged(path, absl::StrCat("holds no valid mesh: ", mesh.status().message()));
-  if (mesh->positions.size() != head->info.vertex_count || mesh->indices.size() != head->info.triangle_count) {
+  if (mesh->positions.size() != file->head.info.vertex_count ||
+      mesh->indices.size() != file->head.info.triangle_count) {
     return Damaged(path, "has metadata that does not fit its geometry");
   }
   return mesh;
+}
+
+absl::Status CheckMeshFile(const std::string& path, const std::string& id, const std::function<bool()>& cancelled) {
+  const absl::StatusOr<MeshFile> file = OpenMeshFile(path, id);
+  if (!file.ok()) return file.status();
+  std::vector<char> buffer(std::min<uint64_t>(kReadBytes, file->head.payload_bytes));
+  return ReadPayload(*file, cancelled, [&](uint64_t, size_t bytes) { return std::span(buffer).first(bytes); });
 }
 
 }  // namespace deltaray

@@ -39,6 +39,10 @@ absl::StatusOr<MeshInfo> ReadMeshFileInfo(const std::string& path);
 absl::StatusOr<TriangleMesh> ReadMeshFile(const std::string& path, const std::string& id,
                                           const std::function<bool()>& cancelled);
 
+// Reads the whole file and checks that it holds the bytes of the mesh of this id, without taking memory for it. OK, or
+// errors as above.
+absl::Status CheckMeshFile(const std::string& path, const std::string& id, const std::function<bool()>& cancelled);
+
 }  // namespace deltaray
 
 #endif  // SERVER_STORE_MESH_FILE_H_

@@ -63,6 +63,8 @@ class Store final : public MeshStore {
   void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
                 std::function<bool()> cancelled);
 
+  // Whether the mesh's file is there and whole, as it is read now. Errors where that cannot be told.
+  absl::StatusOr<bool> IsOnDisk(const NewMesh& upload);
   // Whether an upload may add what it adds.
   absl::Status CheckLimits(const NewMesh& upload, bool is_new) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
   absl::Status CheckNameLimits(const std::string& name, const std::string& id) const;
@@ -127,11 +129,15 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
   PreparedFiles files(&disk_budget_);
   if (absl::Status status = files.PrepareLabels(upload, directory_.files()); !status.ok()) return status;
   for (;;) {
-    // Write a mesh that is new without the lock: it may be large.
-    if (!files.mesh && !directory_.IsWhole(id)) {
-      if (absl::Status status = files.PrepareMesh(upload, directory_.files()); !status.ok()) return status;
+    // Write a mesh that is new, or whose file is damaged, without the lock: it may be large.
+    if (!files.mesh) {
+      const absl::StatusOr<bool> is_on_disk = IsOnDisk(upload);
+      if (!is_on_disk.ok()) return is_on_disk.status();
+      if (!*is_on_disk) {
+        if (absl::Status status = files.PrepareMesh(upload, directory_.files()); !status.ok()) return status;
+      }
     }
-    if (upload.cancelled && upload.cancelled()) return absl::CancelledError("the upload was cancelled");
+    if (upload.IsCancelled()) return absl::CancelledError("the upload was cancelled");
 
     DroppedEntries dropped;
     MutexLock change_lock(change_mutex_);
@@ -173,6 +179,12 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     committed.info = InfoWithGroups(*entry);
     return committed;
   }
+}
+
+absl::StatusOr<bool> Store::IsOnDisk(const NewMesh& upload) {
+  const EntryPointer entry = directory_.FindWhole(upload.info.id);
+  if (!entry) return false;
+  return entry->CheckFile([&] { return upload.IsCancelled(); });
 }
 
 absl::Status Store::CheckLimits(const NewMesh& upload, bool is_new) const {

@@ -29,6 +29,8 @@ struct NewMesh {
   std::string name;  // empty: none
   std::optional<Config> config;
   std::function<bool()> cancelled;  // may be null
+
+  bool IsCancelled() const { return cancelled && cancelled(); }
 };
 
 // Checks what arrived against what was announced, and reads it. Errors are those of ReadMesh, and INVALID_ARGUMENT for

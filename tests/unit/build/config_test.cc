@@ -47,7 +47,9 @@ TEST(ConfigTest, OnlyTheAutoHybridLeavesDeltaToTheMesh) {
 TEST(ConfigTest, ErrorsNameFieldValueAndRange) {
   EXPECT_EQ(MessageAfter([](Config& c) { c.delta = 0; }), "delta is 0; it must be 1 to 4096");
   EXPECT_EQ(MessageAfter([](Config& c) { c.delta = 4097; }), "delta is 4097; it must be 1 to 4096");
+  EXPECT_EQ(MessageAfter([](Config& c) { c.delta = 4294967295; }), "delta is 4294967295; it must be 1 to 4096");
   EXPECT_EQ(MessageAfter([](Config& c) { c.alpha = 1.5; }), "alpha is 1.5; it must be 0 to 1");
+  EXPECT_EQ(MessageAfter([](Config& c) { c.alpha = 1.0000001; }), "alpha is 1.0000001; it must be 0 to 1");
   EXPECT_EQ(MessageAfter([](Config& c) { c.alpha = std::nan(""); }), "alpha is nan; it must be 0 to 1");
   EXPECT_EQ(MessageAfter([](Config& c) { c.cluster_traversal_cost = 0; }),
             "cluster_traversal_cost is 0; it must be 0.001 to 1000");

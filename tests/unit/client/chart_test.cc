@@ -126,6 +126,13 @@ TEST_F(ChartTest, ShadowsEndAtOneLight) {
   }
 }
 
+TEST_F(ChartTest, ShadowsMayEndBeforeTheLight) {
+  for (const auto& [given, sent] : {std::pair("0.25", 0.25f), std::pair("7", 1.0f)}) {
+    EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--generate", "shadow", "--t-max", given}), 0);
+    EXPECT_EQ(request().query().t_max(), sent);
+  }
+}
+
 TEST_F(ChartTest, ChordsCrossTheSphereAboutTheMesh) {
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--count", "50", "--generate", "chords"}), 0);
   const auto rays = Rays();
@@ -152,6 +159,12 @@ TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--kind", "all"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rounds", "33"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--max-wrong-per-million", "-1"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--max-wrong-per-million", "inf"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--seed", "-1"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--t-max", "nan"}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", ""}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", svg_.path()}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/dev/stdout"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", "-"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", "-"}), 2);
   EXPECT_THAT(session_.TakeMessages(), HasSubstr("--csv: the measurements go to standard output; name a file"));

@@ -100,6 +100,9 @@ TEST_F(CommandsTest, UploadOfRawArrays) {
   EXPECT_EQ(session_.Run({"upload", "-", "--format", "raw"}), 2);
   EXPECT_EQ(session_.Run({"upload", "-", "--vertices", "1", "--triangles", "1"}), 2);
   EXPECT_EQ(session_.Run({"upload", "-", "--format", "raw", "--vertices", "1"}), 2);
+  for (const char* const count : {"-1", "18446744073709551616", "1.5", "0x10", ""}) {
+    EXPECT_EQ(session_.Run({"upload", "-", "--format", "raw", "--vertices", count, "--triangles", "1"}), 2) << count;
+  }
 }
 
 TEST_F(CommandsTest, UploadThatWaitsFailsWithTheBuild) {
@@ -250,6 +253,9 @@ TEST_F(CommandsTest, RebuildSendsOptions) {
   EXPECT_EQ(server_.mesh_service.last_rebuild.build_options().traversal_cost(), 2);
   EXPECT_EQ(session_.Run({"rebuild", "cube"}), 0);
   EXPECT_FALSE(server_.mesh_service.last_rebuild.has_build_options());
+  EXPECT_EQ(session_.Run({"rebuild", "cube", "--lazy=false"}), 0);
+  EXPECT_TRUE(server_.mesh_service.last_rebuild.build_options().has_lazy());
+  EXPECT_FALSE(server_.mesh_service.last_rebuild.build_options().lazy());
 }
 
 TEST_F(CommandsTest, CastReadsCsvFromStandardInput) {
@@ -440,6 +446,7 @@ TEST(CommandLineTest, UsageErrors) {
   EXPECT_EQ(session.Run({"show"}), 2);
   EXPECT_EQ(session.Run({"list", "--format", "xml"}), 2);
   EXPECT_EQ(session.Run({"list", "--timeout", "0"}), 2);
+  EXPECT_EQ(session.Run({"health", ""}), 2);
   EXPECT_EQ(session.TakeOutput(), "");
   EXPECT_THAT(session.TakeMessages(), HasSubstr("There is no command 'fly'"));
   EXPECT_EQ(session.Run({"--server", "somewhere", "list"}), 2);
@@ -457,6 +464,20 @@ TEST(CommandLineTest, EveryHelpHasAnExample) {
   }
   EXPECT_EQ(session.Run({"--version"}), 0);
   EXPECT_THAT(session.TakeOutput(), MatchesRegex("deltaray [0-9.]+\n"));
+}
+
+TEST(CommandLineTest, HelpThatCannotBeWrittenFails) {
+  TestSession session;
+  std::FILE* full = std::fopen("/dev/full", "w");
+  ASSERT_NE(full, nullptr);
+  std::swap(session.session().output, full);
+  for (const char* const flag : {"--help", "--version"}) {
+    EXPECT_EQ(session.Run({flag}), 1);
+    EXPECT_EQ(session.TakeMessages(), "deltaray: cannot write standard output: No space left on device\n");
+    std::clearerr(session.session().output);
+  }
+  std::swap(session.session().output, full);
+  std::fclose(full);
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 #include "client/message_text.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
+#include "client/mesh_text.h"
 #include "deltaray/v1/mesh_service.pb.h"
 
 namespace deltaray {
@@ -19,6 +21,13 @@ TEST(MessageTextTest, JsonIsOneLineWithTheContractsNames) {
             R"("references_placed":"0","triangles":"0","delta_leaves":"7","delta_leaves_built":"0",)"
             R"("elapsed_seconds":0.5,"failure":""})"
             "\n");
+}
+
+TEST(MessageTextTest, BoundsFarFromZeroCanBeToldApart) {
+  v1::Mesh mesh;
+  mesh.mutable_bounds()->mutable_min()->set_x(4500001.25);
+  mesh.mutable_bounds()->mutable_max()->set_x(4500002.5);
+  EXPECT_THAT(MeshText(mesh), testing::HasSubstr(" 4500001.25 0 0  to  4500002.5 0 0\n"));
 }
 
 TEST(MessageTextTest, CsvHasShortEnumsAndQuotes) {

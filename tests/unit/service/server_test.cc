@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "gtest/gtest.h"
+#include "tests/unit/service/captured_log.h"
 #include "tests/unit/service/meshes.h"
 #include "tests/unit/service/running_server.h"
 
@@ -139,6 +140,7 @@ TEST_F(ServerTest, AStreamThatHasSentAllEndsWellInADrain) {
 }
 
 TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
+  const CapturedLog log(LogFormat::kText);
   HeldQueries queries;
   options_.drain_timeout = std::chrono::milliseconds(300);
   Start(queries.hooks());
@@ -151,6 +153,8 @@ TEST_F(ServerTest, DrainCutsOffWhatTakesTooLong) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
   EXPECT_FALSE(stream->Finish().ok());
   queries.LetGo();
+  server_.reset();
+  EXPECT_THAT(log.text(), HasSubstr("cut off at the end of the server's drain"));
 }
 
 TEST_F(ServerTest, DrainDoesNotWaitForABuild) {

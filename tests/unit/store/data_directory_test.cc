@@ -111,6 +111,45 @@ TEST_F(DataDirectoryTest, DamagedGeometryIsNeverServed) {
   EXPECT_TRUE(AwaitTree(*OpenStore(path_), "bad").ok());
 }
 
+// A reply to an upload says that the mesh is on disk, whatever was known of it.
+TEST_F(DataDirectoryTest, AnUploadMendsDamageThatNobodyHasMet) {
+  const auto store = OpenStore(path_);
+  ASSERT_TRUE(AwaitTree(*store, "bad").ok());
+  const std::string whole = ReadFile(MeshFile(bad_));
+  std::string changed = whole;
+  changed.back() ^= 1;
+  for (const std::string& damaged : {changed, whole.substr(0, 100), std::string()}) {
+    WriteFile(MeshFile(bad_), damaged);
+    const auto again = Put(*store, StripObj(2));
+    ASSERT_TRUE(again.ok()) << again.status();
+    EXPECT_THAT(again->info.names, ElementsAre("bad"));
+    EXPECT_EQ(again->info.config.delta, 7u);
+    EXPECT_TRUE(AwaitTree(*store, "bad").ok());
+    EXPECT_TRUE(AwaitTree(*OpenStore(path_), "bad").ok());
+  }
+  // A whole file stays as it is.
+  const auto time = std::filesystem::last_write_time(MeshFile(bad_));
+  ASSERT_TRUE(Put(*store, StripObj(2)).ok());
+  EXPECT_EQ(std::filesystem::last_write_time(MeshFile(bad_)), time);
+}
+
+TEST_F(DataDirectoryTest, ADirectoryThatIsGoneIsNoMissingMesh) {
+  const auto store = OpenStore(path_);
+  ASSERT_TRUE(AwaitTree(*store, "good").ok());
+  std::filesystem::rename(path_, path_ + ".gone");
+  const auto expect_gone = [&](const absl::Status& status) {
+    EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("data directory is gone: no " + path_));
+  };
+  expect_gone(store->Name("another", "good").status());
+  expect_gone(store->Name("good", "").status());
+  expect_gone(store->Rebuild("good", Config()).status());
+  expect_gone(store->Delete("good").status());
+  expect_gone(Put(*store, StripObj(1)).status());
+  std::filesystem::rename(path_ + ".gone", path_);
+  EXPECT_TRUE(store->Name("another", "good").ok());
+}
+
 TEST_F(DataDirectoryTest, AMeshFileThatVanishesIsADeletedMesh) {
   const auto store = OpenStore(path_);
   std::filesystem::remove(MeshFile(bad_));
