@@ -26,7 +26,7 @@ run=()
 case "$sanitize" in
   '')
     build="$root/build-tests"
-    # gold links four times as fast, and comes with binutils as the default linker does.
+    # gold links three times as fast, and comes with binutils as the default linker does.
     options+=(-DDELTARAY_UNITY=ON -DCMAKE_EXE_LINKER_FLAGS=-fuse-ld=gold)
     ;;
   address,undefined)

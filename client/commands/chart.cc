@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "client/accuracy_chart.h"
@@ -100,8 +102,15 @@ absl::Status WriteResult(const ChartOptions& options, const Session& session,
   return status.ok() ? WriteOutput(session.messages, choice + "\n", "standard error") : status;
 }
 
+// However they are spelt. Either may not be there yet.
+bool IsSameFile(const std::string& a, const std::string& b) {
+  std::error_code a_error, b_error;
+  return std::filesystem::weakly_canonical(a, a_error) == std::filesystem::weakly_canonical(b, b_error) && !a_error &&
+         !b_error;
+}
+
 absl::Status Chart(const ChartOptions& options, const Session& session) {
-  if (options.csv_path == options.output_path) {
+  if (!options.csv_path.empty() && IsSameFile(options.csv_path, options.output_path)) {
     return UsageError(absl::StrCat("--csv and --output would both be written to ", options.csv_path));
   }
   v1::CompareAccuracyRequest request = options.request;
@@ -167,7 +176,10 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
       .add_option_function<std::string>(
           "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
       ->required();
-  command.add_option("-o,--output", options->output_path, "SVG file to write")->required()->check(NotStandardOutput);
+  command.add_option("-o,--output", options->output_path, "SVG file to write")
+      ->required()
+      ->check(NotStandardOutput)
+      ->check(NotEmpty);
   command.add_option("--csv", options->csv_path, "CSV file to write, a row a level")
       ->check(NotStandardOutput)
       ->check(NotEmpty);

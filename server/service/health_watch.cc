@@ -7,7 +7,7 @@
 
 namespace deltaray {
 namespace {
-constexpr std::chrono::milliseconds kInterval{250};
+constexpr std::chrono::milliseconds kHealthInterval{250};
 // What is not known may be looked for on the disk.
 constexpr std::chrono::milliseconds kUnknownInterval{1000};
 }  // namespace
@@ -43,7 +43,7 @@ void HealthWatch::Look() {
   // As in WatchCall: an alarm cannot be set anew from within its own callback.
   const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;
   alarm_ = std::make_unique<grpc::Alarm>();
-  alarm_->Set(std::chrono::system_clock::now() + (unknown ? kUnknownInterval : kInterval),
+  alarm_->Set(std::chrono::system_clock::now() + (unknown ? kUnknownInterval : kHealthInterval),
               [weak_self = weak_self_](bool) {
                 const std::shared_ptr<HealthWatch> self = weak_self.lock();
                 if (self == nullptr) return;

@@ -17,7 +17,7 @@
 namespace deltaray {
 namespace {
 
-constexpr std::chrono::milliseconds kInterval{500};
+constexpr std::chrono::milliseconds kReloadInterval{500};
 // Far more than certificates and tokens take; a wrong path may lead to a file without end.
 constexpr size_t kMaxBytes = size_t{4} << 20;
 
@@ -80,7 +80,7 @@ void ReloadedFiles::Watch() {
   while (true) {
     {
       MutexLock lock(mutex_);
-      if (!ending_) ending_changed_.wait_for(mutex_, kInterval);
+      if (!ending_) ending_changed_.wait_for(mutex_, kReloadInterval);
       if (ending_) return;
     }
     absl::Status status = ReadAll(look);

@@ -9,7 +9,7 @@
 
 namespace deltaray {
 namespace {
-constexpr std::chrono::milliseconds kInterval{100};
+constexpr std::chrono::milliseconds kWatchInterval{100};
 }  // namespace
 
 grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, const RpcInfo& rpc, MeshStore* store,
@@ -45,7 +45,7 @@ void WatchCall::Look() {
   if (finished_) return;
   // An alarm cannot be set anew from within its own callback, which it keeps: held by that, the call would never die.
   alarm_ = std::make_unique<grpc::Alarm>();
-  alarm_->Set(std::chrono::system_clock::now() + kInterval, [weak_self = weak_self_](bool) {
+  alarm_->Set(std::chrono::system_clock::now() + kWatchInterval, [weak_self = weak_self_](bool) {
     const std::shared_ptr<WatchCall> self = weak_self.lock();
     if (self == nullptr) return;
     MutexLock lock(self->mutex_);

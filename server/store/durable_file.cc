@@ -240,7 +240,7 @@ absl::StatusOr<FileDescriptor> CreateUnnamedFile(const std::string& folder) {
   if (file.IsOpen()) return file;
   // NFS, FUSE and others have no O_TMPFILE.
   if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL) {
-    return CreationError(errno, "create", absl::StrCat(folder, "/"));
+    return CreationError(errno, "create a file in", absl::StrCat(folder, "/"));
   }
   absl::StatusOr<TemporaryFile> temporary = TemporaryFile::Create(folder);
   if (!temporary.ok()) return temporary.status();

@@ -13,14 +13,14 @@
 namespace deltaray {
 namespace {
 
-struct Result {
+struct TopResult {
   BvhArrays arrays;
   std::vector<Reference> references;
   uint64_t triangles = 0, spatial_splits = 0, object_splits = 0, median_splits = 0, delta_leaves = 0, placed = 0;
 };
 
-Result BuildWith(const TriangleMesh& mesh, const Config& config, bool top, int threads = 2) {
-  Result result;
+TopResult BuildWith(const TriangleMesh& mesh, const Config& config, bool top, int threads = 2) {
+  TopResult result;
   tbb::task_arena(threads).execute([&] {
     BuildContext context;
     absl::StatusOr<ReferenceArray> references = MakeReferences(mesh.triangles(), config.duplication_budget, context);
@@ -45,7 +45,7 @@ TEST_P(TopDownSceneTest, TopKeepsToItsLimits) {
   for (const uint32_t delta : {1, 32}) {
     Config config;
     config.delta = delta;
-    const Result top = BuildWith(mesh, config, true);
+    const TopResult top = BuildWith(mesh, config, true);
     CheckBvh(top.arrays, mesh.triangles());
     EXPECT_LE(top.references.size(), 2 * top.triangles);
     EXPECT_EQ(top.placed, top.references.size());
@@ -72,7 +72,7 @@ TEST_P(TopDownSceneTest, TreesOfLeavesKeepToTheirLimits) {
   const TriangleMesh mesh = GetParam().make(std::min(GetParam().full_size, 1000u));
   for (const Builder builder : {Builder::kBvh, Builder::kSbvh}) {
     const Config config = MakeConfig(builder, Preset::kBalanced);
-    const Result tree = BuildWith(mesh, config, false);
+    const TopResult tree = BuildWith(mesh, config, false);
     CheckBvh(tree.arrays, mesh.triangles());
     EXPECT_LE(tree.references.size(), (1 + config.duplication_budget) * static_cast<double>(tree.triangles));
     for (const BvhNode& node : tree.arrays.nodes) EXPECT_LE(node.count, config.max_leaf_size);
@@ -85,18 +85,18 @@ TEST(TopDownTest, FanAndCopiesDoNotRunAway) {
   for (const PathologicalScene& scene : PathologicalScenes()) {
     if (scene.name != "fan" && scene.name != "copies") continue;
     const TriangleMesh mesh = scene.make(scene.full_size);
-    const Result top = BuildWith(mesh, Config(), true);
+    const TopResult top = BuildWith(mesh, Config(), true);
     EXPECT_GE(top.references.size(), 10'000u);
     EXPECT_LE(static_cast<double>(top.references.size()), 1.01 * static_cast<double>(top.triangles));
   }
 }
 
 TEST(TopDownTest, SplitsInSpaceWhereBoxesOverlapAndOnlyThere) {
-  const Result city = BuildWith(City(20, 500), Config(), true);
+  const TopResult city = BuildWith(City(20, 500), Config(), true);
   EXPECT_GT(city.spatial_splits, 0u);
   TriangleMesh sphere;
   AddSphere(&sphere, {0, 0, 0}, 1, 40);
-  const Result smooth = BuildWith(sphere, Config(), true);
+  const TopResult smooth = BuildWith(sphere, Config(), true);
   EXPECT_LE(100 * smooth.spatial_splits, smooth.object_splits);
   Config never;
   never.spatial_split_gate = 1;
@@ -106,16 +106,16 @@ TEST(TopDownTest, SplitsInSpaceWhereBoxesOverlapAndOnlyThere) {
 TEST(TopDownTest, ABudgetOfNothingAddsNoReference) {
   Config config;
   config.duplication_budget = 0;
-  const Result top = BuildWith(Soup(5000), config, true);
+  const TopResult top = BuildWith(Soup(5000), config, true);
   EXPECT_EQ(top.references.size(), 5000u);
 }
 
 TEST(TopDownTest, SameBytesForAnyNumberOfThreads) {
   const TriangleMesh mesh = Soup(10'000);
-  const Result one = BuildWith(mesh, Config(), true, 1);
+  const TopResult one = BuildWith(mesh, Config(), true, 1);
   EXPECT_GT(one.spatial_splits, 0u);
   for (const int threads : {2, 4}) {
-    const Result more = BuildWith(mesh, Config(), true, threads);
+    const TopResult more = BuildWith(mesh, Config(), true, threads);
     ASSERT_EQ(more.arrays.nodes.size(), one.arrays.nodes.size());
     EXPECT_EQ(std::memcmp(more.arrays.nodes.data(), one.arrays.nodes.data(), one.arrays.nodes.size() * sizeof(BvhNode)),
               0);

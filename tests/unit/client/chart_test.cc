@@ -164,6 +164,10 @@ TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--t-max", "nan"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", ""}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", svg_.path()}), 2);
+  const std::filesystem::path svg(svg_.path());
+  const std::string spelt = (svg.parent_path() / "." / svg.filename()).string();
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", spelt}), 2);
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", ""}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/dev/stdout"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", "-"}), 2);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--csv", "-"}), 2);

@@ -14,7 +14,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kInfiniteDouble = std::numeric_limits<double>::infinity();
 
 // All numbers of a CSV file, read in batches of two rays.
 absl::StatusOr<std::vector<double>> ReadCsv(const std::string& text, v1::RayLayout* layout = nullptr) {
@@ -47,7 +47,7 @@ TEST(CsvRayReaderTest, ReadsSixColumns) {
 TEST(CsvRayReaderTest, ReadsEightColumnsWithInfiniteInterval) {
   v1::RayLayout layout;
   EXPECT_EQ(*ReadCsv("1,2,3,4,5,6,-inf,inf\n", &layout),
-            (std::vector<double>{1, 2, 3, 4, 5, 6, -kInfinity, kInfinity}));
+            (std::vector<double>{1, 2, 3, 4, 5, 6, -kInfiniteDouble, kInfiniteDouble}));
   EXPECT_EQ(layout, v1::RAY_LAYOUT_FLOAT64X8);
 }
 

@@ -10,7 +10,7 @@ namespace {
 
 using ::testing::ElementsAre;
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kMissT = std::numeric_limits<float>::infinity();
 
 template <typename T>
 std::string Bytes(std::initializer_list<T> values) {
@@ -53,7 +53,7 @@ TEST(ShadingTest, DepthsRunFromLightToDarkOverBatches) {
   EXPECT_THAT(shading.columns(), ElementsAre(v1::HIT_COLUMN_T, v1::HIT_COLUMN_PRIMITIVE_ID));
   v1::HitBatch hits;
   hits.set_ray_count(2);
-  hits.set_t(Bytes<float>({7, kInfinity}));
+  hits.set_t(Bytes<float>({7, kMissT}));
   hits.set_primitive_id(Bytes<uint32_t>({0, kNone}));
   ASSERT_TRUE(shading.Add(hits).ok());
   hits.set_t(Bytes<float>({3, 5}));
@@ -72,7 +72,7 @@ TEST(ShadingTest, HitsBeyondFloatAreTheFarthest) {
   Shading shading(Shade::kDepth, TestCamera(3, 1), 3, 1);
   v1::HitBatch hits;
   hits.set_ray_count(3);
-  hits.set_t(Bytes<float>({-std::numeric_limits<float>::max(), kInfinity, kInfinity}));
+  hits.set_t(Bytes<float>({-std::numeric_limits<float>::max(), kMissT, kMissT}));
   hits.set_primitive_id(Bytes<uint32_t>({0, 1, kNone}));
   ASSERT_TRUE(shading.Add(hits).ok());
   EXPECT_EQ(shading.hit_count(), 2u);
@@ -99,7 +99,7 @@ TEST(ShadingTest, PictureWithoutHitsIsBackground) {
   Shading shading(Shade::kDepth, TestCamera(1, 1), 1, 1);
   v1::HitBatch hits;
   hits.set_ray_count(1);
-  hits.set_t(Bytes<float>({kInfinity}));
+  hits.set_t(Bytes<float>({kMissT}));
   hits.set_primitive_id(Bytes<uint32_t>({kNone}));
   ASSERT_TRUE(shading.Add(hits).ok());
   EXPECT_EQ(shading.hit_count(), 0u);

@@ -8,7 +8,7 @@
 namespace deltaray {
 namespace {
 
-constexpr float kInf = std::numeric_limits<float>::infinity();
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 BatchQuery Query(v1::QueryKind kind, std::initializer_list<v1::HitColumn> columns) {
   v1::RayQuery query;
@@ -39,7 +39,7 @@ TEST(HitColumnsTest, WritesEachColumnToTheByte) {
   columns.WriteHits(1, std::vector<Hit>{Hit(), MakeHit(2.5f, 0.25f, 0.5f, 3, true)}, mesh);
   columns.WriteHits(0, std::vector<Hit>{MakeHit(1, 0, 1, 0, false)}, mesh);
   const v1::HitBatch batch = ToHitBatch(columns.Take());
-  EXPECT_EQ(batch.t(), Bytes<float>({1, kInf, 2.5f}));
+  EXPECT_EQ(batch.t(), Bytes<float>({1, kInfinity, 2.5f}));
   EXPECT_EQ(batch.primitive_id(), Bytes<uint32_t>({0, 0xFFFFFFFF, 3}));
   EXPECT_EQ(batch.face_id(), Bytes<uint32_t>({0, 0xFFFFFFFF, 1}));
   EXPECT_EQ(batch.group_id(), Bytes<uint32_t>({0xFFFFFFFF, 0xFFFFFFFF, 0}));
@@ -93,7 +93,7 @@ TEST(HitColumnsTest, LengthsOfAllSizesAreAsProtobufWritesThem) {
     HitColumns columns(query, rays, rays, kSummary);
     columns.WriteHits(0, std::vector<Hit>(rays), Squares(1));
     const v1::HitBatch batch = ToHitBatch(columns.Take());
-    EXPECT_EQ(batch.t(), Bytes(std::vector<float>(rays, kInf)));
+    EXPECT_EQ(batch.t(), Bytes(std::vector<float>(rays, kInfinity)));
     EXPECT_EQ(batch.flags(), std::string(rays, '\0'));
     EXPECT_EQ(batch.ray_count(), rays);
   }

@@ -1,0 +1,93 @@
+// What holds for every command: the server's address, usage errors, help.
+
+#include "client/command_line.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <utility>
+
+#include "tests/unit/client/fake_server.h"
+#include "tests/unit/client/test_session.h"
+
+namespace deltaray {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
+
+TEST(CommandLineTest, ServerThatIsNotThere) {
+  TestSession session("127.0.0.1:1");
+  EXPECT_EQ(session.Run({"list"}), 64 + 14);
+  EXPECT_EQ(session.TakeMessages(),
+            "deltaray: cannot reach deltarayd at 127.0.0.1:1: no server answers there (UNAVAILABLE)\n");
+}
+
+TEST(CommandLineTest, ServerThatDoesNotAnswer) {
+  FakeServer server;
+  server.behaviour.list_delay_ms = 1000;
+  TestSession session(server.address());
+  EXPECT_EQ(session.Run({"list", "--timeout", "0.3"}), 64 + 4);
+  EXPECT_EQ(session.TakeMessages(), "deltaray: no answer within 0.3 s; see --timeout (DEADLINE_EXCEEDED)\n");
+}
+
+TEST(CommandLineTest, ServerComesFromFlagThenEnvironment) {
+  FakeServer server;
+  TestSession session("127.0.0.1:1");
+  EXPECT_EQ(session.Run({"list", "--server", server.address()}), 0);
+  TestSession before("127.0.0.1:1");
+  EXPECT_EQ(before.Run({"--server", server.address(), "list"}), 0);
+  setenv("DELTARAY_SERVER", server.address().c_str(), 1);
+  TestSession environment("127.0.0.1:1");
+  EXPECT_EQ(environment.Run({"list"}), 0);
+  TestSession flag("127.0.0.1:1");
+  EXPECT_EQ(flag.Run({"--server", "127.0.0.1:1", "list"}), 64 + 14);
+  unsetenv("DELTARAY_SERVER");
+}
+
+TEST(CommandLineTest, UsageErrors) {
+  TestSession session;
+  EXPECT_EQ(session.Run({}), 2);
+  EXPECT_EQ(session.Run({"fly"}), 2);
+  EXPECT_EQ(session.Run({"show"}), 2);
+  EXPECT_EQ(session.Run({"list", "--format", "xml"}), 2);
+  EXPECT_EQ(session.Run({"list", "--timeout", "0"}), 2);
+  EXPECT_EQ(session.Run({"health", ""}), 2);
+  EXPECT_EQ(session.TakeOutput(), "");
+  EXPECT_THAT(session.TakeMessages(), HasSubstr("There is no command 'fly'"));
+  EXPECT_EQ(session.Run({"--server", "somewhere", "list"}), 2);
+  EXPECT_THAT(session.TakeMessages(), HasSubstr("--server: 'somewhere' has no port"));
+}
+
+TEST(CommandLineTest, EveryHelpHasAnExample) {
+  TestSession session;
+  EXPECT_EQ(session.Run({"--help"}), 0);
+  EXPECT_THAT(session.TakeOutput(), HasSubstr("deltaray upload bunny.obj"));
+  for (const char* command :
+       {"upload", "list", "show", "name", "watch", "stats", "rebuild", "delete", "cast", "render"}) {
+    EXPECT_EQ(session.Run({command, "--help"}), 0) << command;
+    EXPECT_THAT(session.TakeOutput(), HasSubstr(std::string("  deltaray ") + command)) << command;
+  }
+  EXPECT_EQ(session.Run({"--version"}), 0);
+  EXPECT_THAT(session.TakeOutput(), MatchesRegex("deltaray [0-9.]+\n"));
+}
+
+TEST(CommandLineTest, HelpThatCannotBeWrittenFails) {
+  TestSession session;
+  std::FILE* full = std::fopen("/dev/full", "w");
+  ASSERT_NE(full, nullptr);
+  std::swap(session.session().output, full);
+  for (const char* const flag : {"--help", "--version"}) {
+    EXPECT_EQ(session.Run({flag}), 1);
+    EXPECT_EQ(session.TakeMessages(), "deltaray: cannot write standard output: No space left on device\n");
+    std::clearerr(session.session().output);
+  }
+  std::swap(session.session().output, full);
+  std::fclose(full);
+}
+
+}  // namespace
+}  // namespace deltaray
