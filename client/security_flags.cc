@@ -35,7 +35,8 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags& flags) {
   add_file("--ca", flags.ca_file, "DELTARAY_CA", "Authorities that the server's certificate may come from, in PEM");
   add_file("--cert", flags.cert_file, "DELTARAY_CERT", "Certificate to show the server, in PEM");
   add_file("--key", flags.key_file, "DELTARAY_KEY", "Private key of that certificate, in PEM");
-  add_file("--token-file", flags.token_file, "DELTARAY_TOKEN_FILE",
+  // DELTARAY_TOKEN_FILE is the server's, whose container runs this program too, as its health check.
+  add_file("--token-file", flags.token_file, "DELTARAY_CLIENT_TOKEN_FILE",
            "File whose first line is the token to send; the token itself may be in the environment's DELTARAY_TOKEN");
   app.add_flag("--insecure-token", flags.insecure_token, "Send the token to another machine without TLS too")
       ->envname("DELTARAY_INSECURE_TOKEN")

@@ -155,6 +155,8 @@ write $(digest "$write_token")
 EOF
 server_with DELTARAY_TOKEN_FILE="$scratch/tokens"
 refused 80 'Bearer TOKEN' client list
+# As the health check of a container, which has the server's variables.
+expect 0 env DELTARAY_TOKEN_FILE="$scratch/tokens" "$bin/deltaray" --server "$address" health
 refused 80 'not one that this server knows' with_token wrong list
 refused 80 'not one that this server knows' with_token "$(digest "$read_token")" list
 expect 0 with_token "$write_token" upload "$scratch/triangle.obj" --name triangle --wait
@@ -178,6 +180,7 @@ for command in "name other triangle" "rebuild triangle --wait" "delete triangle"
 done
 printf '%s\n' "$read_token" >"$scratch/token"
 expect 0 client --token-file "$scratch/token" list
+expect 0 env DELTARAY_CLIENT_TOKEN_FILE="$scratch/token" "$bin/deltaray" --server "$address" list
 refused 1 '--token-file: .*No such file' client --token-file "$scratch/none" list
 refused 1 'printable ASCII' with_token $'a\nb' list
 address_here=$address
