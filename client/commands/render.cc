@@ -1,5 +1,8 @@
+#include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,6 +15,7 @@
 #include "client/camera.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
+#include "client/exit_code.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
 #include "client/png_image.h"
@@ -79,6 +83,16 @@ v1::RayLayout LayoutFor(const v1::Mesh& mesh) {
   return at_zero ? v1::RAY_LAYOUT_FLOAT32X6 : v1::RAY_LAYOUT_FLOAT64X6;
 }
 
+// The server would refuse ray 0, which tells nobody what to change.
+absl::Status CheckEye(const Vec3& eye, v1::RayLayout layout) {
+  constexpr double kMost = std::numeric_limits<float>::max();
+  const bool fits = layout == v1::RAY_LAYOUT_FLOAT64X6 ||
+                    std::all_of(eye.begin(), eye.end(), [](double x) { return std::abs(x) <= kMost; });
+  if (fits) return absl::OkStatus();
+  return UsageError(absl::StrFormat("the camera stands at %.6g,%.6g,%.6g, beyond the range of float32; see --eye",
+                                    eye[0], eye[1], eye[2]));
+}
+
 absl::Status Render(const RenderOptions& options, const Session& session) {
   auto connection = Connection::Open(session);
   if (!connection.ok()) return connection.status();
@@ -99,6 +113,7 @@ absl::Status Render(const RenderOptions& options, const Session& session) {
   // By id, so that a name that moves meanwhile does not bring in another mesh than the one that was framed.
   start.set_mesh(mesh.mesh().id());
   start.mutable_query()->set_layout(LayoutFor(mesh.mesh()));
+  if (absl::Status reach = CheckEye(camera->eye(), start.query().layout()); !reach.ok()) return reach;
   for (const v1::HitColumn column : shading.columns()) start.mutable_query()->add_columns(column);
 
   CameraRays rays(*camera, options.camera, start.query().layout());

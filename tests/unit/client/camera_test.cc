@@ -124,6 +124,19 @@ TEST(CameraTest, SinglePointCanBeFramed) {
   EXPECT_NEAR(Dot(offset, offset), 1, 1e-12);
 }
 
+TEST(CameraTest, OnlyTheDirectionOfUpCounts) {
+  const v1::Mesh mesh = BoxMesh({-1, -1, -1}, {1, 1, 1});
+  const absl::StatusOr<Camera> unit = Camera::Place({}, mesh);
+  for (const double length : {1e-320, 1e-200, 1e200, 1e308}) {
+    CameraOptions options;
+    options.up = {0, length, 0};
+    const absl::StatusOr<Camera> camera = Camera::Place(options, mesh);
+    ASSERT_TRUE(camera.ok()) << camera.status();
+    EXPECT_EQ(camera->eye(), unit->eye()) << length;
+    EXPECT_EQ(camera->Direction(3, 5), unit->Direction(3, 5)) << length;
+  }
+}
+
 TEST(CameraTest, RefusesWhatHasNoPicture) {
   const v1::Mesh mesh = BoxMesh({-1, -1, -1}, {1, 1, 1});
   CameraOptions options;

@@ -398,6 +398,8 @@ TEST_F(CommandsTest, RenderRefusesBadOptions) {
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--size", "5x20000"}), 2);
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--eye", "1,2"}), 2);
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--eye", "1,2,inf"}), 2);
+  EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--eye", "1e39,0,0"}), 2);
+  EXPECT_THAT(session_.TakeMessages(), testing::HasSubstr("stands at 1e+39,0,0, beyond the range of float32"));
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--fov", "180"}), 2);
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--up", "0,0,0"}), 2);
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "/no/such/folder/x.png"}), 1);
