@@ -14,7 +14,9 @@ DeltaLeafTasks::DeltaLeafTasks(SplitTree top, BuildOne build_one, std::function<
       top_(std::move(top)),
       build_one_(std::move(build_one)),
       on_delta_leaf_(std::move(on_delta_leaf)),
-      delta_leaves_(std::count_if(top_.nodes.begin(), top_.nodes.end(), [](const BvhNode& n) { return n.IsLeaf(); })) {
+      delta_leaves_(std::count_if(top_.nodes.begin(), top_.nodes.end(), [](const BvhNode& n) { return n.IsLeaf(); })),
+      nodes_(2 * top_.references.size()),
+      references_(top_.references.size()) {
   auto next = delta_leaves_.begin();
   for (const BvhNode& node : top_.nodes) {
     if (!node.IsLeaf()) continue;
@@ -24,34 +26,37 @@ DeltaLeafTasks::DeltaLeafTasks(SplitTree top, BuildOne build_one, std::function<
   }
 }
 
-DeltaLeafTasks::~DeltaLeafTasks() {
-  for (const DeltaLeaf& delta_leaf : delta_leaves_) delete delta_leaf.built.load(std::memory_order_acquire);
-}
-
 std::span<const Reference> DeltaLeafTasks::references(uint32_t delta_leaf) const {
   return top_.references.span().subspan(delta_leaves_[delta_leaf].offset, delta_leaves_[delta_leaf].count);
 }
 
-const BvhArrays* DeltaLeafTasks::built(uint32_t delta_leaf) const {
-  return delta_leaves_[delta_leaf].built.load(std::memory_order_acquire);
+DeltaLeafTree DeltaLeafTasks::built(uint32_t delta_leaf) const {
+  const DeltaLeaf& task = delta_leaves_[delta_leaf];
+  const uint32_t nodes = task.nodes.load(std::memory_order_acquire);
+  if (nodes == 0) return {};
+  return {{&nodes_[task.first_node], nodes}, {&references_[task.offset], task.count}};
 }
 
 void DeltaLeafTasks::Build(uint32_t delta_leaf) {
   DeltaLeaf& task = delta_leaves_[delta_leaf];
   if (task.begun.exchange(true, std::memory_order_relaxed)) return;
-  std::unique_ptr<const BvhArrays> subtree;
+  BvhArrays tree;
   try {
     if (on_delta_leaf_) on_delta_leaf_();
     if (context_->cancelled()) return;
-    subtree = std::make_unique<const BvhArrays>(build_one_(references(delta_leaf), top_.nodes[0].bounds));
+    tree = build_one_(references(delta_leaf), top_.nodes[0].bounds);
   } catch (...) {
     // For want of memory: of a lazy tree, the next ray that comes here tries again.
     task.begun.store(false, std::memory_order_relaxed);
     throw;
   }
   if (context_->cancelled()) return;
-  // Release: a thread that sees the pointer sees the subtree.
-  task.built.store(subtree.release(), std::memory_order_release);
+  const auto nodes = static_cast<uint32_t>(tree.nodes.size());
+  task.first_node = nodes_used_.fetch_add(nodes, std::memory_order_relaxed);
+  std::copy(tree.nodes.begin(), tree.nodes.end(), &nodes_[task.first_node]);
+  std::copy(tree.references.begin(), tree.references.end(), &references_[task.offset]);
+  // Release: a thread that sees the number sees the tree.
+  task.nodes.store(nodes, std::memory_order_release);
   context_->delta_leaves_built.fetch_add(1, std::memory_order_relaxed);
 }
 

@@ -18,20 +18,21 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
   struct Place {
     uint32_t node = 0;
     uint32_t reference = 0;
-    uint32_t delta_leaf = 0;             // of a leaf of the top
-    const BvhArrays* subtree = nullptr;  // of a δ-leaf that is built
+    uint32_t delta_leaf = 0;     // of a leaf of the top
+    DeltaLeafTree subtree = {};  // of a δ-leaf that is built
   };
   std::vector<Place> places(top.size());
   uint32_t delta_leaf = 0, nodes = 0, references = 0;
   for (size_t i = 0; i < top.size(); ++i) {
-    places[i] = {nodes, references, delta_leaf, nullptr};
+    places[i] = {nodes, references, delta_leaf};
     if (!top[i].IsLeaf()) {
       ++nodes;
       continue;
     }
-    if (const BvhArrays* const subtree = places[i].subtree = delta_leaves.built(delta_leaf)) {
-      nodes += static_cast<uint32_t>(subtree->nodes.size());
-      references += static_cast<uint32_t>(subtree->references.size());
+    const DeltaLeafTree& subtree = places[i].subtree = delta_leaves.built(delta_leaf);
+    if (!subtree.nodes.empty()) {
+      nodes += static_cast<uint32_t>(subtree.nodes.size());
+      references += static_cast<uint32_t>(subtree.references.size());
     } else {
       layout.unbuilt.push_back({delta_leaf, references, references + top[i].count});
       nodes += GroupNodes(top[i].count);
@@ -52,13 +53,13 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
       const Place& place = places[i];
       if (!top[i].IsLeaf()) {
         arrays.nodes[place.node] = {top[i].bounds, places[top[i].offset].node, 0};
-      } else if (place.subtree != nullptr) {
-        std::transform(place.subtree->nodes.begin(), place.subtree->nodes.end(), arrays.nodes.begin() + place.node,
+      } else if (!place.subtree.nodes.empty()) {
+        std::transform(place.subtree.nodes.begin(), place.subtree.nodes.end(), arrays.nodes.begin() + place.node,
                        [&](BvhNode node) {
                          node.offset += node.IsLeaf() ? place.reference : place.node;
                          return node;
                        });
-        std::copy(place.subtree->references.begin(), place.subtree->references.end(),
+        std::copy(place.subtree.references.begin(), place.subtree.references.end(),
                   arrays.references.begin() + place.reference);
       } else {
         const std::span<const Reference> of_delta_leaf = delta_leaves.references(place.delta_leaf);

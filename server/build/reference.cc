@@ -1,14 +1,10 @@
 #include "server/build/reference.h"
 
-#ifdef __linux__
-#include <sys/mman.h>
-#endif
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <limits>
-#include <new>
 #include <utility>
 #include <vector>
 
@@ -17,38 +13,14 @@
 namespace deltaray {
 namespace {
 
-constexpr size_t kCacheLine = 64;
-constexpr size_t kHugePage = size_t{2} << 20;
 constexpr size_t kBlockReferences = 4096;
 
 int64_t Bytes(size_t references) { return static_cast<int64_t>(references * sizeof(Reference)); }
 
-// Large arrays begin with a huge page.
-size_t AlignmentOf(size_t references) { return references * sizeof(Reference) < kHugePage ? kCacheLine : kHugePage; }
-
-// A multiple of the alignment.
-size_t AllocatedBytes(size_t references) {
-  const size_t alignment = AlignmentOf(references);
-  return (std::max<size_t>(references, 1) * sizeof(Reference) + alignment - 1) / alignment * alignment;
-}
-
-Reference* Allocate(size_t references) {
-  const size_t bytes = AllocatedBytes(references);
-  void* const data = std::aligned_alloc(AlignmentOf(references), bytes);
-  if (data == nullptr) throw std::bad_alloc();
-#ifdef __linux__
-  // Many small pages take as long to be given back as a cancel may last on a large mesh. Only advice: it may fail.
-  if (bytes >= kHugePage) madvise(data, bytes, MADV_HUGEPAGE);
-#endif
-  return static_cast<Reference*>(data);
-}
-
 }  // namespace
 
-ReferenceArray::ReferenceArray(size_t capacity, BuildContext& context)
-    : data_(Allocate(capacity)), capacity_(capacity) {
-  context_ = &context;
-  context_->CountBytes(Bytes(capacity_));
+ReferenceArray::ReferenceArray(size_t capacity, BuildContext& context) : data_(capacity), context_(&context) {
+  context_->CountBytes(Bytes(capacity));
 }
 
 ReferenceArray::ReferenceArray(ReferenceArray&& other) noexcept { *this = std::move(other); }
@@ -56,23 +28,18 @@ ReferenceArray::ReferenceArray(ReferenceArray&& other) noexcept { *this = std::m
 ReferenceArray& ReferenceArray::operator=(ReferenceArray&& other) noexcept {
   std::swap(data_, other.data_);
   std::swap(size_, other.size_);
-  std::swap(capacity_, other.capacity_);
   std::swap(context_, other.context_);
   return *this;
 }
 
 ReferenceArray::~ReferenceArray() {
-  if (context_ != nullptr) context_->CountBytes(-Bytes(capacity_));
+  if (context_ != nullptr) context_->CountBytes(-Bytes(capacity()));
 }
 
 void ReferenceArray::ShrinkToFit() {
-  if (size_ == capacity_) return;
-  void* const shrunk = std::realloc(data_.get(), AllocatedBytes(size_));
-  if (shrunk == nullptr) return;  // the larger block still stands
-  (void)data_.release();
-  data_.reset(static_cast<Reference*>(shrunk));
-  context_->CountBytes(Bytes(size_) - Bytes(capacity_));
-  capacity_ = size_;
+  if (size_ == capacity()) return;
+  context_->CountBytes(Bytes(size_) - Bytes(capacity()));
+  data_.Shrink(size_);
 }
 
 absl::StatusOr<ReferenceArray> MakeReferences(const TrianglesView& triangles, double duplication_budget,

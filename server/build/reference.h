@@ -5,8 +5,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
-#include <memory>
 #include <span>
 
 #include "absl/status/statusor.h"
@@ -14,6 +12,7 @@
 #include "server/geometry/bounds.h"
 #include "server/geometry/packed_bounds.h"
 #include "server/geometry/triangles.h"
+#include "server/tree/large_memory.h"
 
 namespace deltaray {
 
@@ -38,11 +37,11 @@ class ReferenceArray {
   ReferenceArray& operator=(ReferenceArray&& other) noexcept;
   ~ReferenceArray();
 
-  size_t capacity() const { return capacity_; }
+  size_t capacity() const { return data_.size(); }
   size_t size() const { return size_; }
-  Reference* data() { return data_.get(); }
-  std::span<Reference> span() { return {data_.get(), size_}; }
-  std::span<const Reference> span() const { return {data_.get(), size_}; }
+  Reference* data() { return data_.data(); }
+  std::span<Reference> span() { return {data_.data(), size_}; }
+  std::span<const Reference> span() const { return {data_.data(), size_}; }
 
   // REQUIRES: size() < capacity().
   void Add(const Reference& reference) { data_[size_++] = reference; }
@@ -52,12 +51,8 @@ class ReferenceArray {
   void ShrinkToFit();
 
  private:
-  struct Free {
-    void operator()(Reference* data) const { std::free(data); }
-  };
-  std::unique_ptr<Reference[], Free> data_;
+  LargeArray<Reference> data_;
   size_t size_ = 0;
-  size_t capacity_ = 0;
   BuildContext* context_ = nullptr;  // counts the bytes
 };
 

@@ -21,7 +21,7 @@ namespace {
 
 // The nodes and references of a part of the tree.
 struct Subtree {
-  std::vector<BvhNode> nodes;
+  BvhNodes nodes;
   std::vector<Reference> references;
 };
 

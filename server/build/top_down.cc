@@ -35,7 +35,7 @@ class TopDownBuilder {
         context_(context) {}
 
   absl::StatusOr<SplitTree> Build() {
-    std::vector<BvhNode> nodes;
+    BvhNodes nodes;
     if (references_.size() > 0) {
       Build({0, references_.size(), references_.capacity()}, 0, nodes);
       CloseGaps(nodes);
@@ -48,7 +48,7 @@ class TopDownBuilder {
   std::span<Reference> span(const Range& range) { return {references_.data() + range.begin, range.size()}; }
 
   // Appends the subtree over `range` to `nodes`, depth-first. Leaves' offsets point into references_.
-  void Build(Range range, uint32_t depth, std::vector<BvhNode>& nodes) {
+  void Build(Range range, uint32_t depth, BvhNodes& nodes) {
     const BoundsSum sum = SumBounds(span(range), context_);
     if (context_.cancelled()) return;
     const Bounds bounds = static_cast<Bounds>(sum.bounds);
@@ -97,7 +97,7 @@ class TopDownBuilder {
       Build(right, depth + 1, nodes);
       return;
     }
-    std::vector<BvhNode> right_nodes;
+    BvhNodes right_nodes;
     tbb::parallel_invoke(
         [&, left = left] {
           const BuildContext::CpuTime time(context_);
@@ -144,7 +144,7 @@ class TopDownBuilder {
   }
 
   // Moves the leaves' references together.
-  void CloseGaps(std::vector<BvhNode>& nodes) {
+  void CloseGaps(BvhNodes& nodes) {
     size_t size = 0;
     Reference* const data = references_.data();
     for (BvhNode& node : nodes) {

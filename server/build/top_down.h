@@ -17,7 +17,7 @@ namespace deltaray {
 // A tree of splits over references.
 struct SplitTree {
   // As in BvhArrays: depth-first; the leaves' ranges of `references` follow each other without gaps.
-  std::vector<BvhNode> nodes;
+  BvhNodes nodes;
   ReferenceArray references;
 };
 

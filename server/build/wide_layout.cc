@@ -72,7 +72,7 @@ class Layout {
 
     // 2. Write it.
     arrays.levels = whole.levels;
-    arrays.block = WideBlock(whole.units * UnitBytes(kWidth) + kLeafSlack);
+    arrays.block = LargeArray<std::byte>(whole.units * UnitBytes(kWidth) + kLeafSlack);
     block_ = arrays.block.data();
     if (leaf_references_ != nullptr) leaf_references_->assign(whole.units, {});
     std::memset(block_ + whole.units * UnitBytes(kWidth), 0, kLeafSlack);

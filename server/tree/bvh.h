@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/geometry/bounds.h"
+#include "server/tree/large_memory.h"
 #include "server/tree/traversed_tree.h"
 
 namespace deltaray {
@@ -25,9 +26,11 @@ struct BvhNode {
 };
 static_assert(sizeof(BvhNode) == 32);
 
+using BvhNodes = std::vector<BvhNode, LargeAllocator<BvhNode>>;
+
 // The nodes and references of a binary BVH or of a part of one. The root is nodes[0]; no nodes: empty.
 struct BvhArrays {
-  std::vector<BvhNode> nodes;
+  BvhNodes nodes;
   std::vector<uint32_t> references;  // primitive ids; a triangle that a split cut stands in several leaves
 
   std::span<const uint32_t> LeafReferences(const BvhNode& leaf) const {

@@ -5,8 +5,8 @@
 
 #include <cstdint>
 
+#include "server/tree/large_memory.h"
 #include "server/tree/simd_target.h"
-#include "server/tree/wide_block.h"
 #include "server/tree/wide_node.h"
 
 namespace deltaray {
@@ -23,7 +23,7 @@ struct WideArrays {
   // Nodes on the longest way down; 0: the tree is empty.
   uint32_t levels = 0;
   // The root is the node at offset 0. kLeafSlack bytes follow the last leaf.
-  WideBlock block;
+  LargeArray<std::byte> block;
 };
 
 }  // namespace deltaray

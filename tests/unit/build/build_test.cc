@@ -37,16 +37,16 @@ std::shared_ptr<const Tree> BuildNow(const std::shared_ptr<const TriangleMesh>& 
   return build->snapshot()->tree;
 }
 
-template <typename T>
-bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+template <typename Array>
+bool SameBytes(const Array& a, const Array& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(*a.data())) == 0;
 }
 
 // Two trees of one builder.
 void ExpectSameBytes(const Tree& a, const Tree& b) {
   if (const auto* wide = dynamic_cast<const WideTree*>(&a)) {
-    const WideBlock& a_block = wide->arrays().block;
-    const WideBlock& b_block = dynamic_cast<const WideTree&>(b).arrays().block;
+    const LargeArray<std::byte>& a_block = wide->arrays().block;
+    const LargeArray<std::byte>& b_block = dynamic_cast<const WideTree&>(b).arrays().block;
     ASSERT_EQ(a_block.size(), b_block.size());
     EXPECT_EQ(std::memcmp(a_block.data(), b_block.data(), a_block.size()), 0);
   } else if (const auto* kd_tree = dynamic_cast<const KdTree*>(&a)) {

@@ -46,8 +46,8 @@ TEST(DeltaLeafTasksTest, AllAreBuilt) {
   EXPECT_EQ(tasks.built, 1000);
   EXPECT_EQ(tasks.context->delta_leaves_built, 1000u);
   for (uint32_t i = 0; i < 1000; ++i) {
-    ASSERT_NE(tasks.tasks.built(i), nullptr);
-    EXPECT_EQ(tasks.tasks.built(i)->references[0], i);
+    ASSERT_FALSE(tasks.tasks.built(i).nodes.empty());
+    EXPECT_EQ(tasks.tasks.built(i).references[0], i);
   }
 }
 

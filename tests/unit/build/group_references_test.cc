@@ -14,7 +14,7 @@ TEST(GroupReferencesTest, MakesFullLeavesOfAllReferences) {
     SCOPED_TRACE(count);
     std::vector<Reference> references = RandomReferences(count, 1);
     // Somewhere within larger arrays.
-    BvhArrays arrays{std::vector<BvhNode>(3 + GroupNodes(count)), std::vector<uint32_t>(5 + count)};
+    BvhArrays arrays{BvhNodes(3 + GroupNodes(count)), std::vector<uint32_t>(5 + count)};
     const std::vector<Reference> given = references;
     GroupReferences(references, 3, 5, &arrays);
 
@@ -52,7 +52,7 @@ TEST(GroupReferencesTest, NeighboursStayTogether) {
     const float x = i % 2 == 0 ? 0.0f : 100.0f;
     references.push_back({{{x, 0, 0}, {x + 1, 1, 1}}, i});
   }
-  BvhArrays arrays{std::vector<BvhNode>(GroupNodes(16)), std::vector<uint32_t>(16)};
+  BvhArrays arrays{BvhNodes(GroupNodes(16)), std::vector<uint32_t>(16)};
   GroupReferences(references, 0, 0, &arrays);
   EXPECT_EQ(arrays.nodes[1].bounds.max.x, 1);
   EXPECT_EQ(arrays.nodes[2].bounds.min.x, 100);

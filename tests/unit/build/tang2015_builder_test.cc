@@ -24,7 +24,7 @@ Config TangConfig(uint32_t delta = 32) {
 }
 
 struct Top {
-  std::vector<BvhNode> nodes;
+  BvhNodes nodes;
   std::vector<Reference> references;
   uint64_t triangles = 0;  // that are not degenerate
   uint64_t spatial_splits = 0, other_splits = 0, delta_leaves = 0;
