@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -97,8 +98,11 @@ Errors FindErrors(const Oracle& oracle, std::span<const Ray> rays, std::span<con
     if (!hits[i].IsHit() || (verdict != Verdict::kRight && verdict != Verdict::kWrongPrimitive)) continue;
     t_ulps.push_back(StepsApart(hits[i].t, truth[i]->t));
     if (verdict != Verdict::kRight) continue;
-    errors.uv_error_max =
-        std::max({errors.uv_error_max, std::abs(hits[i].u - truth[i]->u), std::abs(hits[i].v - truth[i]->v)});
+    for (const double error : {hits[i].u - truth[i]->u, hits[i].v - truth[i]->v}) {
+      // max() would pass over what is no number.
+      const double size = std::isnan(error) ? std::numeric_limits<double>::infinity() : std::abs(error);
+      errors.uv_error_max = std::max(errors.uv_error_max, size);
+    }
   }
   if (t_ulps.empty()) return errors;
   std::ranges::sort(t_ulps);

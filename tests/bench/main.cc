@@ -9,6 +9,7 @@
 #include "tests/bench/paper_bench.h"
 #include "tests/bench/scale_bench.h"
 #include "tests/bench/service_bench.h"
+#include "tests/bench/stages_bench.h"
 
 int main(int argc, char** argv) {
   CLI::App app("Measures how deltaray builds and traces. tests/bench/README.md explains the columns.");
@@ -85,6 +86,18 @@ int main(int argc, char** argv) {
   service->add_option("--server", service_options.server, "deltarayd; empty: the one beside this program");
   service->add_option("--csv", service_options.csv, "File to write; - is standard output");
 
+  deltaray::StagesBenchOptions stages_options;
+  stages_options.scenes = {"bunny", "dragon", "city"};
+  stages_options.rays = {"camera", "bounce", "chords", "shadow"};
+  stages_options.csv = "-";
+  CLI::App* const stages = app.add_subcommand("stages", "Tracing on the provisional, the lazy and the final tree.");
+  stages->add_option("--scenes", stages_options.scenes, "Names of scenes");
+  stages->add_option("--rays", stages_options.rays, "camera, bounce, chords, shadow");
+  stages->add_option("--size", stages_options.size, "Camera rays: size x size")->check(CLI::Range(1, 8192));
+  stages->add_option("--rounds", stages_options.rounds, "Passes, and builds, to take the median of")
+      ->check(CLI::Range(1, 1000));
+  stages->add_option("--csv", stages_options.csv, "File to write; - is standard output");
+
   deltaray::ScaleBenchOptions scale_options;
   scale_options.scenes = {"terrain", "soup"};
   scale_options.triangles = {10'000, 30'000, 100'000, 300'000, 1'000'000, 3'000'000, 10'000'000};
@@ -122,6 +135,7 @@ int main(int argc, char** argv) {
                               : kernel->parsed()   ? deltaray::RunKernelBench(kernel_options)
                               : scale->parsed()    ? deltaray::RunScaleBench(scale_options)
                               : service->parsed()  ? deltaray::RunServiceBench(service_options)
+                              : stages->parsed()   ? deltaray::RunStagesBench(stages_options)
                                                    : deltaray::RunPaperBench(paper_options);
   if (status.ok()) return 0;
   std::cerr << "deltaray_bench: " << status.message() << '\n';
