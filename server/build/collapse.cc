@@ -34,6 +34,7 @@ CollapsedTree::CollapsedTree(std::span<const Reference> references, const Dendro
 
 BvhArrays CollapsedTree::ToBvhArrays() const {
   BvhArrays arrays;
+  arrays.nodes.reserve(nodes_.size());
   arrays.references.reserve(references_.size());
   // Depth first; a second child tells its parent where it is.
   struct Visit {

@@ -70,7 +70,7 @@ absl::Status MeasureRays(const Scene& scene, const StagesBenchOptions& options, 
       Racer& racer = racers.emplace_back();
       racer.row.scene = scene.name;
       racer.row.rays = name;
-      racer.row.engine = EngineName(Builder::kHybrid);
+      racer.row.engine = "deltaray";
       racer.row.mode = stage.name;
       racer.row.level = "exact";
       racer.kernel = MakeDeltarayKernel(*stage.snapshot->tree, {}, set->question);

@@ -51,6 +51,39 @@ TEST(DeltaLeafTasksTest, AllAreBuilt) {
   }
 }
 
+TEST(DeltaLeafTasksTest, TreesStandApartWhateverTheirOrderAndSize) {
+  constexpr uint32_t kSizes[] = {3, 1, 5, 2};
+  const auto context = std::make_shared<BuildContext>();
+  SplitTree top{{}, ReferenceArray(11, *context)};
+  top.references.set_size(11);
+  const Bounds box{{0, 0, 0}, {1, 1, 1}};
+  for (uint32_t i = 0; i < 11; ++i) top.references.data()[i] = {box, 100 + i};
+  uint32_t first = 0;
+  for (uint32_t i = 0; i < 4; first += kSizes[i++]) {
+    if (i < 3) top.nodes.push_back({box, 2 * i + 2, 0});
+    top.nodes.push_back({box, first, kSizes[i]});
+  }
+  // As many nodes as there can be; the count of each tells the δ-leaf.
+  DeltaLeafTasks tasks(
+      std::move(top),
+      [](std::span<const Reference> references, const Bounds& bounds) {
+        BvhArrays tree;
+        for (const Reference& reference : references) tree.references.push_back(reference.primitive);
+        tree.nodes.resize(2 * references.size() - 1, BvhNode{bounds, 0, references[0].primitive});
+        return tree;
+      },
+      nullptr, context);
+  for (const uint32_t i : {2u, 0u, 3u, 1u}) tasks.Build(i);
+  first = 0;
+  for (uint32_t i = 0; i < 4; first += kSizes[i++]) {
+    const DeltaLeafTree tree = tasks.built(i);
+    ASSERT_EQ(tree.nodes.size(), 2 * kSizes[i] - 1);
+    for (const BvhNode& node : tree.nodes) EXPECT_EQ(node.count, 100 + first);
+    ASSERT_EQ(tree.references.size(), kSizes[i]);
+    for (uint32_t j = 0; j < kSizes[i]; ++j) EXPECT_EQ(tree.references[j], 100 + first + j);
+  }
+}
+
 TEST(DeltaLeafTasksTest, EachIsBuiltOnceHoweverManyAsk) {
   Tasks tasks(200);
   std::vector<std::thread> threads;
