@@ -16,7 +16,9 @@ namespace {
 
 using grpc::StatusCode;
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 using std::chrono::steady_clock;
+using std::chrono::system_clock;
 using testing::HasSubstr;
 using Answer = BatchBudget::Answer;
 using Share = BatchBudget::Share;
@@ -205,11 +207,15 @@ class BudgetedServerTest : public RunningServer {
 TEST_F(BudgetedServerTest, StreamsAndCallsBeyondTheBudgetWaitForEachOther) {
   StartSmall();
   const std::string rays = Rays();
-  std::atomic<int> failed{0}, answered{0};
+  std::atomic<int> answered{0};
   std::vector<std::thread> clients;
   for (int client = 0; client < 24; ++client) {
     clients.emplace_back([&, client] {
-      const auto stub = v1::RayService::NewStub(Connect());
+      const auto channel = Connect();
+      // gRPC 1.51 gives up a first try with a stray errno where a thread waits for an absl::Mutex for the first time in
+      // the process just then; it tries again.
+      EXPECT_TRUE(channel->WaitForConnected(system_clock::now() + seconds(20)));
+      const auto stub = v1::RayService::NewStub(channel);
       grpc::ClientContext context;
       if (client % 6 == 0) {
         v1::CastRaysRequest request;
@@ -218,7 +224,7 @@ TEST_F(BudgetedServerTest, StreamsAndCallsBeyondTheBudgetWaitForEachOther) {
         v1::CastRaysResponse response;
         const grpc::Status status = stub->CastRays(&context, request, &response);
         // A few may be told to come later.
-        if (!status.ok() && status.error_code() != StatusCode::RESOURCE_EXHAUSTED) ++failed;
+        EXPECT_TRUE(status.ok() || status.error_code() == StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
         return;
       }
       auto stream = stub->StreamRays(&context);
@@ -236,11 +242,11 @@ TEST_F(BudgetedServerTest, StreamsAndCallsBeyondTheBudgetWaitForEachOther) {
         if (client % 4 == 1) std::this_thread::sleep_for(milliseconds(20));  // a slow reader
       }
       writer.join();
-      failed += !stream->Finish().ok();
+      const grpc::Status status = stream->Finish();
+      EXPECT_TRUE(status.ok()) << status.error_message();
     });
   }
   for (std::thread& client : clients) client.join();
-  EXPECT_EQ(failed, 0);
   EXPECT_EQ(answered, 20 * 10);
 }
 
