@@ -100,7 +100,11 @@ absl::StatusOr<Connection> Connection::Open(const Session& session) {
   while (true) {
     const grpc_connectivity_state state = channel->GetState(/*try_to_connect=*/true);
     if (state == GRPC_CHANNEL_READY) break;
-    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) return Unreachable(session, Reason(session, tls));
+    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) {
+      // It would go on trying while the reason is looked for, and into the end of the process.
+      channel.reset();
+      return Unreachable(session, Reason(session, tls));
+    }
     if (session.stop.fired()) return Interrupted();
     const auto now = std::chrono::system_clock::now();
     if (now >= deadline) return Unreachable(session, absl::StrCat("no answer within ", session.timeout_seconds, " s"));
