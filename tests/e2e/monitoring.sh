@@ -9,8 +9,13 @@ monitoring="$root/docker/monitoring"
 
 export DELTARAY_METRICS_LISTEN=127.0.0.1:0
 start_server
-port=$(sed -n 's/.* metrics_port=\([0-9]*\).*/\1/p' "$scratch/server.log")
-[ "$port" -gt 0 ] || fail "the log tells no port of the metrics"
+# The log tells it a moment after the port's file is there.
+for _ in $(seq 100); do
+  port=$(sed -n 's/.* metrics_port=\([0-9]*\).*/\1/p' "$scratch/server.log")
+  [ -z "$port" ] || break
+  sleep 0.1
+done
+[ "${port:-0}" -gt 0 ] || fail "the log tells no port of the metrics"
 
 # Something of everything, since a histogram is there once it holds something.
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >"$scratch/triangle.obj"

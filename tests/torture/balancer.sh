@@ -1,26 +1,27 @@
 #!/usr/bin/env bash
-# usage: balancer.sh [--rounds N] [--rays N] [--quick] [--bin BIN]
+# usage: balancer.sh [--rounds N] [--rays N] [--max-wait-ms N] [--quick] [--bin BIN]
 # nginx, by docker/balancer/nginx.conf, before three servers on one data directory, rays at full load: how fast against the
 # servers without it; then, N times (5; quick: 1), one server is killed with SIGKILL and started again. No answer may be
 # wrong or missing, and no client may fail; they see a pause. Tells how many trees had to be built again for it. A stream
-# has 4 and then 20 times so many rays (200,000; quick: 50,000).
+# has 4 and then 20 times so many rays (200,000; quick: 50,000). Its next hits, the first ones too, may take --max-wait-ms
+# (5000) and five times the longest wait without losses.
 here=$(dirname "${BASH_SOURCE[0]}")
 command -v nginx >/dev/null || { echo "SKIPPED: nginx is missing; it comes with the package nginx-light"; exit 77; }
-rounds=5 seconds=10 meshes=12 rays=200000
+rounds=5 seconds=10 meshes=12 rays=200000 max_wait_ms=5000
 bin=$here/../../build/bin
 while [ $# -gt 0 ]; do
   case "$1" in
     --quick) rounds=1 seconds=2 rays=50000; shift ;;
     --rounds) rounds=$2; shift 2 ;;
     --rays) rays=$2; shift 2 ;;
+    --max-wait-ms) max_wait_ms=$2; shift 2 ;;
     --bin) bin=$2; shift 2 ;;
-    *) echo "usage: balancer.sh [--rounds N] [--rays N] [--quick] [--bin BIN]" >&2; exit 2 ;;
+    *) echo "usage: balancer.sh [--rounds N] [--rays N] [--max-wait-ms N] [--quick] [--bin BIN]" >&2; exit 2 ;;
   esac
 done
 set -- "$bin"
 source "$here/../e2e/server.sh"
 passes=4 # of the rays in one stream
-max_wait_ms=5000 # for the next hits of a stream, its first ones too, beyond five times the longest wait without losses
 
 started=() # processes to end
 nginx=
@@ -67,7 +68,7 @@ again() { local i; for i in $(seq "$2"); do cat "$1"; done; }
 # cast ADDRESS MESH PASSES: prints the hits.
 cast() {
   again "$scratch/rays.f32" "$3" | timeout 120 "$bin/deltaray" --server "$1" cast "mesh-$2" - --rays-format f32x6 \
-    --batch 4096 --columns t,primitive_id --format raw
+    --batch 4096 --columns t,primitive_id --format raw "${@:4}"
 }
 
 # Servers are started after the upload, so that no tree is there but those that queries ask for.
@@ -151,10 +152,10 @@ end_work() {
   mrays=$(awk -v n="$casts" -v rays=$((rays * passes)) -v ns=$(($(date +%s%N) - began)) 'BEGIN { printf "%.2f", 1000 * n * rays / ns }')
 }
 # trees NUMBER: those that the server holds.
-trees() { timeout 60 "$bin/deltaray" --server "127.0.0.1:${ports[$1]}" list --format json | grep -c '"state": *"MESH_STATE_READY"' || true; }
+trees() { "$bin/deltaray" --server "127.0.0.1:${ports[$1]}" --timeout 60 list --format json | grep -c '"state": *"MESH_STATE_READY"' || true; }
 
 # --- How fast, without and with nginx. Trees are built before the clock runs.
-for mesh in $(seq "$meshes"); do cast "$balancer" "$mesh" 1 >/dev/null || fail "no answer through nginx"; done
+for mesh in $(seq "$meshes"); do cast "$balancer" "$mesh" 1 --wait-final >/dev/null || fail "no answer through nginx"; done
 held=()
 for number in 0 1 2; do held[number]=$(trees "$number"); done
 echo "trees: ${held[*]} of $meshes meshes on three servers"
@@ -163,7 +164,7 @@ start_work through
 sleep "$seconds"
 end_work
 nginx_mrays=$mrays calm_wait_ms=$wait_ms
-for mesh in $(seq "$meshes"); do cast "$(direct "$mesh")" "$mesh" 1 >/dev/null || fail "no answer"; done
+for mesh in $(seq "$meshes"); do cast "$(direct "$mesh")" "$mesh" 1 --wait-final >/dev/null || fail "no answer"; done
 start_work direct
 sleep "$seconds"
 end_work
@@ -176,7 +177,7 @@ for number in 0 1 2; do # forget the trees of the direct calls
   start_number "$number"
 done
 sleep 6 # nginx tries them again
-for mesh in $(seq "$meshes"); do cast "$balancer" "$mesh" 1 >/dev/null || fail "no answer through nginx"; done
+for mesh in $(seq "$meshes"); do cast "$balancer" "$mesh" 1 --wait-final >/dev/null || fail "no answer through nginx"; done
 rebuilt=0 lost_trees=0
 passes=20 # streams last, so that some are under way at each loss
 start_work through

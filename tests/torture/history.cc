@@ -20,9 +20,9 @@ constexpr int kMeshes = 6;
 constexpr int kNames = 3;
 constexpr uint32_t kRays = 256;
 constexpr size_t kBatch = 32;  // rays of a call, or of a batch of a stream
-// Where there are several servers, each notices what others have done within a second; here, on a machine as busy as
-// this, and of servers that are stopped for a time, within two.
-constexpr std::chrono::seconds kStale{2};
+// Where there are several servers, each notices what others have done within a second. One that was stopped while it
+// looked looks again only after ten times that: within three, and on a machine as busy as this within five.
+constexpr std::chrono::seconds kStale{5};
 constexpr std::chrono::milliseconds kLongestStop{300};
 // How much longer it goes on while nothing has come through, as on a very busy machine.
 constexpr std::chrono::seconds kPatience{60};

@@ -22,14 +22,14 @@ source "$(dirname "${BASH_SOURCE[0]}")/../e2e/server.sh"
 
 seconds=$((minutes * 60))
 # Milliseconds, and parts.
-max_p99=50 max_growth=1.15 min_recovery=0.7
+max_p99=50 max_growth=1.15 min_recovery=0.7 speed_tries=1
 # Half of the defaults, so that twice as many batches wait.
 batch_mb=512 network_mb=512
 load_flags=() load_nice=19
 # The shorter run is for any machine: one that is slow or busy may take longer to come round to each stream, and would
 # hardly run a load of the lowest priority, whose connections then are closed as those of clients that have died.
 if [ -n "$quick" ]; then
-  seconds=15 max_p99=150 batch_mb=256 network_mb=256
+  seconds=15 max_p99=150 speed_tries=5 batch_mb=256 network_mb=256
   load_flags=(--max-batch 131072 --longest 120) load_nice=5
 fi
 export DELTARAY_BATCH_BYTES="${batch_mb}MB" DELTARAY_NETWORK_BYTES="${network_mb}MB" DELTARAY_LOG_LEVEL=warning
@@ -60,7 +60,12 @@ load_code=0 probe_code=0
 wait "$load" || load_code=$?
 wait "$probe" || probe_code=$?
 sleep 0.5
-speed_after=$(torture speed --seconds 2)
+recovered() { awk "BEGIN { exit !(${speed_after% *} >= $min_recovery * ${speed_before% *}) }"; }
+# The shorter run tries again where the machine itself may have slowed down meanwhile.
+for _ in $(seq "$speed_tries"); do
+  speed_after=$(torture speed --seconds 2)
+  ! recovered || break
+done
 stop_server
 
 read -r first_peak peak < <(awk '{ x[NR] = $1 } END {
@@ -88,7 +93,7 @@ if [ "$probe_code" -eq 0 ] && [ -z "$unjudged" ]; then
   check "small calls are late" "$(number calls) <= $max_p99"
   check "health checks are late" "$(number health) <= $max_p99"
 fi
-check "no full speed afterwards" "${speed_after% *} >= $min_recovery * ${speed_before% *}"
+recovered || failed="$failed; no full speed afterwards"
 echo "overload, $seconds s: $(cat "$scratch/load"); $(cat "$scratch/probe"); memory $base MB before, $peak MB at most" \
   "(budgets $batch_mb + $network_mb MB); one stream $speed_before before, $speed_after after$unjudged${failed:+: FAILED$failed}"
 [ -z "$failed" ]

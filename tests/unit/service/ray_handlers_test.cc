@@ -162,7 +162,7 @@ TEST_F(RayHandlersTest, CastsOnTheBunnyOfEachBuilder) {
     ASSERT_TRUE(meshes_->RebuildMesh(&context, rebuild, &rebuilt).ok());
     // Until then the tree before answers.
     const auto is_built = [&] { return stats().options().builder() == builder && stats().total_seconds() > 0; };
-    ASSERT_TRUE(Eventually(is_built, std::chrono::minutes(1)));
+    ASSERT_TRUE(Eventually(is_built, std::chrono::minutes(4)));
     v1::CastRaysResponse late;
     ASSERT_TRUE(Cast(request, &late).ok());
     EXPECT_TRUE(late.hits().final_tree());

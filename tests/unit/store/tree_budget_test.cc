@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "tests/eventually.h"
 
 namespace deltaray {
 namespace {
@@ -85,6 +86,7 @@ TEST(TreeBudgetTest, WhatWasDroppedIsWaitedForBeforeMoreIsDropped) {
   });
   for (int i = 0; i < 4; ++i) in_use.push_back(*budget->Reserve(25, "a", kNever));
   auto waits = std::async(std::launch::async, [&] { return budget->Reserve(20, "b", kNever); });
+  ASSERT_TRUE(Eventually([&] { return asked == 1; }));
   EXPECT_EQ(waits.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
   EXPECT_EQ(asked, 1);
   in_use[0].reset();
@@ -95,8 +97,14 @@ TEST(TreeBudgetTest, WhatWasDroppedIsWaitedForBeforeMoreIsDropped) {
 TEST(TreeBudgetTest, WhoIsCancelledNeedNotWaitForItsTurn) {
   const auto budget = std::make_shared<TreeBudget>(100, kNoRoom);
   auto a = *budget->Reserve(60, "a", kNever);
-  auto first = std::async(std::launch::async, [&] { return budget->Reserve(90, "b", kNever); });
-  EXPECT_EQ(first.wait_for(std::chrono::milliseconds(50)), std::future_status::timeout);
+  std::atomic<bool> waits{false};
+  auto first = std::async(std::launch::async, [&] {
+    return budget->Reserve(90, "b", [&] {
+      waits = true;
+      return false;
+    });
+  });
+  ASSERT_TRUE(Eventually([&] { return waits.load(); }));
   // There is room for this one, but the first one has waited for longer.
   std::atomic<bool> cancelled{false};
   auto second =
