@@ -1,11 +1,14 @@
 // The command line client of deltarayd.
 
 #include <fcntl.h>
+#include <grpc/grpc.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <thread>
 
 #include "client/command_line.h"
 #include "client/stop_signal.h"
@@ -21,6 +24,15 @@ void OpenStandardStreams() {
     if (fcntl(stream, F_GETFD) == 0) continue;
     close(stream);
     open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
+// What still goes on of a connection that failed ends on a thread of gRPC's own, which takes down the others: a process
+// that ended meanwhile would leave them within OpenSSL. Never long.
+void WaitForGrpc() {
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+  while (grpc_is_initialized() != 0 && std::chrono::steady_clock::now() < limit) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }
 
@@ -47,5 +59,7 @@ int main(int argc, char** argv) {
       .timeout_seconds = 10,
   };
   if (const char* const token = std::getenv("DELTARAY_TOKEN")) session.security.token = token;
-  return deltaray::RunCommandLine(argc, argv, session);
+  const int code = deltaray::RunCommandLine(argc, argv, session);
+  WaitForGrpc();
+  return code;
 }

@@ -10,6 +10,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -74,13 +75,17 @@ std::string HostPort(const std::string& server) {
 Bio Connect(const std::string& server, SSL_CTX* context, SSL** ssl) {
   if (absl::StartsWith(server, "unix:")) return Bio(nullptr, BIO_free_all);
   Bio tcp(BIO_new_connect(HostPort(server).c_str()), BIO_free_all);
-  if (tcp == nullptr || BIO_do_connect_retry(tcp.get(), kTimeoutSeconds, 10) != 1) {
+  if (tcp == nullptr) return tcp;
+  // BIO_do_connect_retry would try again for all that time where nobody listens.
+  const time_t deadline = time(nullptr) + kTimeoutSeconds;
+  BIO_set_nbio(tcp.get(), 1);
+  while (BIO_do_connect(tcp.get()) != 1) {
+    if (BIO_should_retry(tcp.get()) && BIO_wait(tcp.get(), deadline, /*nap_milliseconds=*/10) == 1) continue;
     ERR_clear_error();
     return Bio(nullptr, BIO_free_all);
   }
   int fd = -1;
   BIO_get_fd(tcp.get(), &fd);
-  // The bounded connect has left it otherwise.
   BIO_socket_nbio(fd, 0);
   const timeval timeout = {.tv_sec = kTimeoutSeconds, .tv_usec = 0};
   setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof(timeout));
