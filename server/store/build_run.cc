@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "server/build/thread_cpu.h"
+#include "server/tree/large_memory.h"
 
 namespace deltaray {
 namespace {
@@ -14,7 +15,7 @@ double SecondsSince(std::chrono::steady_clock::time_point begin) {
 
 uint64_t TreeBytes(const Tree& tree) {
   const TreeShape shape = tree.Shape();
-  return shape.node_bytes + shape.reference_bytes;
+  return ResidentBytes(shape.node_bytes + shape.reference_bytes);
 }
 
 }  // namespace

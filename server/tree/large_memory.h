@@ -12,8 +12,12 @@ namespace deltaray {
 // Memory that is not cleared, aligned to a cache line. From 2 MiB on it is the system's own, on huge pages where there
 // are any: with pages of 4 KiB, each page costs a fault when it is first written, which can take longer than to fill
 // it, and each of a ray's nodes a miss of the address cache; and to give them back takes longer than a cancel may.
-// malloc would keep what is freed. Throws std::bad_alloc.
+// malloc would keep what is freed. A last part of less than half a huge page has small ones. Throws std::bad_alloc.
 void* AllocateLarge(size_t bytes);
+// What so many take of the machine's memory: up to half a huge page more, once all of them have been written.
+size_t ResidentBytes(size_t bytes);
+// The same, all bytes 0. From 2 MiB on the system sees to that as pages are first used, so that it takes no time here.
+void* AllocateLargeCleared(size_t bytes);
 // `bytes`: as they were asked for.
 void FreeLarge(void* data, size_t bytes);
 // Gives back what is past the first `bytes`. Returns where they are now.
@@ -34,7 +38,7 @@ struct LargeAllocator {
   friend bool operator==(const LargeAllocator&, const LargeAllocator&) { return true; }
 };
 
-// An array whose elements are not initialised.
+// An array whose elements no constructor runs for.
 template <typename T>
 class LargeArray {
  public:
@@ -43,6 +47,13 @@ class LargeArray {
   LargeArray() = default;
   // Throws std::bad_alloc.
   explicit LargeArray(size_t size) : data_(static_cast<T*>(AllocateLarge(size * sizeof(T)))), size_(size) {}
+  // As this, but all bytes are 0.
+  static LargeArray Cleared(size_t size) {
+    LargeArray array;
+    array.data_ = static_cast<T*>(AllocateLargeCleared(size * sizeof(T)));
+    array.size_ = size;
+    return array;
+  }
   LargeArray(LargeArray&& other) noexcept { *this = std::move(other); }
   LargeArray& operator=(LargeArray&& other) noexcept {
     std::swap(data_, other.data_);

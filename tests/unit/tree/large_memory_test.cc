@@ -48,6 +48,33 @@ TEST(LargeMemoryTest, ShrinkingKeepsTheStart) {
   }
 }
 
+TEST(LargeMemoryTest, IsClearedWhereThatIsAskedFor) {
+  for (const size_t bytes : {size_t{1000}, kHugePage - 1, kHugePage + 1, 3 * kHugePage}) {
+    for (int i = 0; i < 3; ++i) {
+      auto array = LargeArray<std::byte>::Cleared(bytes);
+      ASSERT_TRUE(std::all_of(array.data(), array.data() + bytes, [](std::byte x) { return x == std::byte(0); }));
+      std::fill_n(array.data(), bytes, std::byte(1));  // for whoever gets this memory next
+    }
+  }
+}
+
+// What nobody asked for would be memory that nobody has counted.
+TEST(LargeMemoryTest, TakesAsMuchAsItTells) {
+  constexpr size_t kPage = 4096;
+  for (const size_t bytes : {kHugePage, kHugePage + 100, 2 * kHugePage - 100, 2 * kHugePage}) {
+    LargeArray<std::byte> array(bytes);
+    std::fill_n(array.data(), array.size(), std::byte(1));
+    std::vector<unsigned char> resident((bytes + kHugePage - 1) / kHugePage * (kHugePage / kPage));
+    ASSERT_EQ(mincore(array.data(), resident.size() * kPage, resident.data()), 0);
+    const size_t taken = kPage * std::count_if(resident.begin(), resident.end(), [](unsigned char x) { return x & 1; });
+    EXPECT_LE(taken, ResidentBytes(bytes) + kPage) << bytes;
+    EXPECT_GE(taken, bytes) << bytes;
+  }
+  EXPECT_EQ(ResidentBytes(1000), 1000u);
+  EXPECT_EQ(ResidentBytes(kHugePage + 100), kHugePage + 100);
+  EXPECT_EQ(ResidentBytes(2 * kHugePage - 100), 2 * kHugePage);
+}
+
 // Whether the system has memory of ours at this huge page.
 bool IsMapped(const void* data) {
   std::vector<unsigned char> resident(kHugePage / 4096);
