@@ -27,6 +27,11 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
     status = LoadAndBuild(load, options, on_provisional);
   } catch (const std::bad_alloc&) {
     status = absl::ResourceExhaustedError("no memory to build the tree");
+    // What was there of it no longer counts as being built.
+    if (const std::shared_ptr<Build> running = build()) {
+      running->Cancel();
+      running->WaitDone().IgnoreError();
+    }
   }
   if (status.ok()) {
     const TreeShape shape = build()->statistics().shape;
