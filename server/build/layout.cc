@@ -9,6 +9,11 @@
 #include "server/build/group_references.h"
 
 namespace deltaray {
+namespace {
+
+constexpr size_t kNodesAtOnce = 1 << 16;
+
+}  // namespace
 
 absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildContext& context) {
   const std::span<const BvhNode> top = delta_leaves.top();
@@ -18,8 +23,8 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
   struct Place {
     uint32_t node = 0;
     uint32_t reference = 0;
-    uint32_t delta_leaf = 0;     // of a leaf of the top
-    DeltaLeafTree subtree = {};  // of a δ-leaf that is built
+    uint32_t delta_leaf = 0;  // of a leaf of the top
+    bool is_built = false;    // by now
   };
   std::vector<Place> places(top.size());
   uint32_t delta_leaf = 0, nodes = 0, references = 0;
@@ -29,8 +34,9 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
       ++nodes;
       continue;
     }
-    const DeltaLeafTree& subtree = places[i].subtree = delta_leaves.built(delta_leaf);
-    if (!subtree.nodes.empty()) {
+    const DeltaLeafTree subtree = delta_leaves.built(delta_leaf);
+    places[i].is_built = !subtree.nodes.empty();
+    if (places[i].is_built) {
       nodes += static_cast<uint32_t>(subtree.nodes.size());
       references += static_cast<uint32_t>(subtree.references.size());
     } else {
@@ -43,8 +49,14 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
 
   // 2. Put it there.
   BvhArrays& arrays = layout.arrays;
-  arrays.nodes.resize(nodes);
+  arrays.nodes.reserve(nodes);
+  // All of them at once would take longer than a cancel may.
+  for (size_t size = 0; size < nodes && !context.cancelled();) {
+    size = std::min<size_t>(size + kNodesAtOnce, nodes);
+    arrays.nodes.resize(size);
+  }
   arrays.references.resize(references);
+  if (context.cancelled()) return absl::CancelledError("the build was cancelled");
   tbb::parallel_for(tbb::blocked_range<size_t>(0, top.size(), 64), [&](const tbb::blocked_range<size_t>& range) {
     if (context.cancelled()) return;
     const BuildContext::CpuTime time(context);
@@ -53,14 +65,14 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
       const Place& place = places[i];
       if (!top[i].IsLeaf()) {
         arrays.nodes[place.node] = {top[i].bounds, places[top[i].offset].node, 0};
-      } else if (!place.subtree.nodes.empty()) {
-        std::transform(place.subtree.nodes.begin(), place.subtree.nodes.end(), arrays.nodes.begin() + place.node,
+      } else if (place.is_built) {
+        const DeltaLeafTree subtree = delta_leaves.built(place.delta_leaf);
+        std::transform(subtree.nodes.begin(), subtree.nodes.end(), arrays.nodes.begin() + place.node,
                        [&](BvhNode node) {
                          node.offset += node.IsLeaf() ? place.reference : place.node;
                          return node;
                        });
-        std::copy(place.subtree.references.begin(), place.subtree.references.end(),
-                  arrays.references.begin() + place.reference);
+        std::copy(subtree.references.begin(), subtree.references.end(), arrays.references.begin() + place.reference);
       } else {
         const std::span<const Reference> of_delta_leaf = delta_leaves.references(place.delta_leaf);
         list.assign(of_delta_leaf.begin(), of_delta_leaf.end());

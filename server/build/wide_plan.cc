@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "server/geometry/packed_bounds.h"
 #include "server/tree/wide_node.h"
@@ -25,7 +26,10 @@ struct WidePlan::Forest {
 };
 
 WidePlan::WidePlan(std::span<const BvhNode> nodes, int width, BuildContext& context)
-    : nodes_(nodes), width_(width), scale_(UnitScale(nodes[0].bounds)), choices_(nodes.size() * width, 0) {
+    : nodes_(nodes),
+      width_(width),
+      scale_(UnitScale(nodes[0].bounds)),
+      choices_(LargeArray<uint8_t>::Cleared(nodes.size() * width)) {
   Solve(0, static_cast<uint32_t>(nodes.size()), context);
 }
 

@@ -5,10 +5,10 @@
 
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "server/build/build_context.h"
 #include "server/tree/bvh.h"
+#include "server/tree/large_memory.h"
 
 namespace deltaray {
 
@@ -51,7 +51,7 @@ class WidePlan {
   const float scale_;  // of the root's box: UnitScale
   // width_ entries a node. Entry 0: LeafSize. Entry j - 1, for j > 1: how many of at most j roots of the cheapest
   // forest over the node's subtree its first child's part has; 0: fewer than j roots do as well.
-  std::vector<uint8_t> choices_;
+  LargeArray<uint8_t> choices_;
 };
 
 }  // namespace deltaray
