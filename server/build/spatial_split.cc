@@ -236,7 +236,8 @@ std::pair<size_t, size_t> Partition(std::span<Reference> references, size_t coun
     const double cost_left = whole_left.Cost() + right.WithoutOne().Cost();
     const double cost_right = left.WithoutOne().Cost() + whole_right.Cost();
     const double cost_split = left.With(left_box).Cost() + right.With(right_box).Cost();
-    if (has_two_parts && cost_split <= std::min(cost_left, cost_right)) {
+    // There is room, but where another task of the build has thrown: sums are of a part then.
+    if (has_two_parts && end < references.size() && cost_split <= std::min(cost_left, cost_right)) {
       left = left.With(left_box);
       right = right.With(right_box);
       references[end++] = {right_box, reference.primitive};

@@ -108,6 +108,23 @@ TEST(SpatialSplitTest, StaysWithinTheRoom) {
   }
 }
 
+// As where a task that threw has left others with sums of a part.
+TEST(SpatialSplitTest, NothingIsWrittenPastTheRoomHoweverTheSplitCameAbout) {
+  for (const size_t room : {0, 1, 5}) {
+    Node node(Soup(500, 5));
+    const SpatialSplit split = node.Find(node.count);
+    ASSERT_TRUE(split.IsFound());
+    BuildContext context;
+    const auto [left, right] = Partition(std::span(node.references).first(node.count + room), node.count,
+                                         node.mesh.triangles(), split, context);
+    EXPECT_EQ(left + right, node.count + room);  // more would be cut
+    EXPECT_GT(left, 0u);
+    EXPECT_GT(right, 0u);
+    for (size_t i = node.count + room; i < node.references.size(); ++i)
+      EXPECT_TRUE(node.references[i].bounds.IsEmpty());
+  }
+}
+
 TEST(SpatialSplitTest, CopiesDoNotSplit) { EXPECT_FALSE(Node(Copies(100)).Find(100).IsFound()); }
 
 TEST(SpatialSplitTest, FlatTrianglesInThePlaneGoToOneSide) {
