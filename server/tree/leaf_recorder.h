@@ -32,7 +32,11 @@ class LeafRecorder {
       : base_(arrays.block.data()), unit_(UnitBytes(Width(arrays.target))), labels_(labels) {
     current_ = this;
   }
-  ~LeafRecorder() { current_ = nullptr; }
+  // Gives back the labels of what was recorded and not taken, as where a query throws.
+  ~LeafRecorder() {
+    current_ = nullptr;
+    for (const Leaf& leaf : recorded_) labels_[leaf.unit].store(leaf.label, std::memory_order_relaxed);
+  }
   LeafRecorder(const LeafRecorder&) = delete;
   LeafRecorder& operator=(const LeafRecorder&) = delete;
 

@@ -88,6 +88,18 @@ TEST_P(LeafRecorderTest, EveryQueryRecordsTheLeavesThatItTestsOnce) {
     query(unlabelled);
     EXPECT_THAT(recorder.Take(), IsEmpty());
   }
+
+  // What is not taken, as where a query throws, is there for the next one.
+  std::vector<std::atomic<uint32_t>> labels = make_labels();
+  {
+    LeafRecorder recorder(tree.arrays(), labels);
+    queries[0](rays);
+  }
+  {
+    LeafRecorder recorder(tree.arrays(), labels);
+    queries[0](rays);
+    EXPECT_THAT(recorder.Take(), ElementsAre(Field(&LeafRecorder::Leaf::label, label_of(40))));
+  }
   EXPECT_EQ(LeafRecorder::current(), nullptr);
 }
 
