@@ -65,7 +65,9 @@ void LazyTree::Answer(const Query& query) const {
   if (is_behind) {
     const int64_t time = std::chrono::nanoseconds(Clock::now() - start).count();
     const int64_t sum = nanoseconds_traced_.fetch_add(time, std::memory_order_relaxed) + time;
-    if (sum >= kTracingPerLayout * version->layout_time.count()) LayOutAnew(*version);
+    if (sum >= kTracingPerLayout * version->layout_time.count() * tbb::this_task_arena::max_concurrency()) {
+      LayOutAnew(*version);
+    }
   }
   if (!reached.empty()) BuildReached(*version, reached);
 }

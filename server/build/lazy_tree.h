@@ -22,9 +22,10 @@
 namespace deltaray {
 
 // A wide tree that is laid out anew now and then. Queries record which δ-leaves that are not built rays have come to;
-// whoever asked builds them before the query returns, each once. When tracing has since taken kTracingPerLayout times
-// as long as it takes to lay out the tree, it is laid out with what is built, and replaces the one before; so that
-// costs little however rays come. Once all δ-leaves are in the tree, it is the final tree of a build that is not lazy.
+// whoever asked builds them before the query returns, each once. When tracing has since taken each thread
+// kTracingPerLayout times as long as it takes all of them to lay out the tree, it is laid out with what is built, and
+// replaces the one before; so that costs little however rays come. Once all δ-leaves are in the tree, it is the final
+// tree of a build that is not lazy.
 //
 // Thread-safe; queries take no lock but the bit that guards an atomic shared_ptr. One that runs out of memory for
 // δ-leaves or for a new tree answers from what there is.
