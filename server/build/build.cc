@@ -38,11 +38,6 @@ class SharedState {
     return final_shape_;
   }
 
-  bool ended() const {
-    MutexLock lock(mutex_);
-    return ended_.has_value();
-  }
-
   void PublishProvisional(std::shared_ptr<const Tree> tree, double seconds) {
     {
       MutexLock lock(mutex_);
@@ -52,14 +47,22 @@ class SharedState {
     changed_.notify_all();
   }
 
+  // Not once it has ended: the δ-leaves of a lazy tree are built after that.
+  void Cancel(BuildContext& context) {
+    MutexLock lock(mutex_);
+    if (!ended_) context.Cancel();
+  }
+
   // `tree`: the final one, or null where `status` says why there is none.
-  void End(const absl::Status& status, std::shared_ptr<const Tree> tree, const TreeShape& shape, double seconds) {
-    std::shared_ptr<const TreeSnapshot> replaced;  // freed outside of the lock
+  void End(absl::Status status, std::shared_ptr<const Tree> tree, const TreeShape& shape, const BuildContext& context) {
+    std::shared_ptr<const TreeSnapshot> replaced;  // freed outside of the lock, as `tree` is
     {
       MutexLock lock(mutex_);
-      if (tree != nullptr) {
+      // It may have come after the last look.
+      if (status.ok() && context.cancelled()) status = absl::CancelledError("the build was cancelled");
+      if (status.ok()) {
         replaced = std::exchange(snapshot_, std::make_shared<TreeSnapshot>(TreeSnapshot{mesh_, std::move(tree), true}));
-        if (provisional_seconds_ == 0) provisional_seconds_ = seconds;
+        if (provisional_seconds_ == 0) provisional_seconds_ = context.elapsed_seconds();
         final_shape_ = shape;
       }
       ended_ = status;
@@ -110,9 +113,8 @@ void Lead(const std::shared_ptr<const TriangleMesh>& mesh, const Build::Options&
   } catch (const std::exception& e) {
     status = absl::InternalError(absl::StrCat("the build failed: ", e.what()));
   }
-  if (!status.ok()) tree = nullptr;
   context->EnterPhase(BuildPhase::kDone);
-  state.End(status, std::move(tree), shape, context->elapsed_seconds());
+  state.End(std::move(status), std::move(tree), shape, *context);
 }
 
 class AsynchronousBuild final : public Build {
@@ -126,7 +128,8 @@ class AsynchronousBuild final : public Build {
       thread_ = std::thread([mesh, options = std::move(options), threads = threads_, context = context_,
                              state = state_] { Lead(mesh, options, threads, context, *state); });
     } catch (const std::system_error& e) {
-      state_->End(absl::ResourceExhaustedError(absl::StrCat("no thread to build with: ", e.what())), nullptr, {}, 0);
+      state_->End(absl::ResourceExhaustedError(absl::StrCat("no thread to build with: ", e.what())), nullptr, {},
+                  *context_);
     }
   }
 
@@ -139,10 +142,7 @@ class AsynchronousBuild final : public Build {
   absl::Status WaitProvisional() override { return state_->Wait(false); }
   absl::Status WaitDone() override { return state_->Wait(true); }
 
-  // Not once it has ended: the δ-leaves of a lazy tree are built after that.
-  void Cancel() override {
-    if (!state_->ended()) context_->Cancel();
-  }
+  void Cancel() override { state_->Cancel(*context_); }
 
   BuildProgress progress() const override {
     return {.phase = context_->phase(),
