@@ -9,6 +9,8 @@
 #include <string>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
+#include "server/build/memory_estimate.h"
 #include "tests/gate.h"
 #include "tests/unit/store/fixture.h"
 
@@ -70,9 +72,10 @@ TEST(BudgetsTest, BytesOnDiskAreLimited) {
 class TreeBytesTest : public ::testing::Test {
  protected:
   static constexpr int kSquares = 3000;
+  static uint64_t OneBuild() { return EstimateBuildBytes(Config(), 2 * kSquares); }
   static MeshStore::Options Options() {
     MeshStore::Options options;
-    options.tree_bytes = 5'000'000;
+    options.tree_bytes = OneBuild() + 1'070'000;  // room for two finished trees beside a build
     options.follow_interval = std::chrono::milliseconds(20);
     return options;
   }
@@ -119,7 +122,7 @@ TEST_F(TreeBytesTest, TreesInUseCountUntilTheirBatchesEnd) {
 
 TEST_F(TreeBytesTest, NoMoreTreesAreDroppedThanItTakes) {
   MeshStore::Options options = Options();
-  options.tree_bytes = 6'500'000;
+  options.tree_bytes = OneBuild() + 2'570'000;
   store_.reset();
   store_ = OpenStore(directory_.path(), options);
   std::vector<std::string> ids;
@@ -140,7 +143,7 @@ TEST_F(TreeBytesTest, NoMoreTreesAreDroppedThanItTakes) {
 TEST_F(TreeBytesTest, TreesAreNotDroppedForRoomThatTheyDoNotMake) {
   Gate gate;
   MeshStore::Options options = Options();
-  options.tree_bytes = 6'500'000;
+  options.tree_bytes = OneBuild() + 2'570'000;
   options.concurrent_builds = 2;
   options.on_delta_leaf = [&] { gate.Pass(); };
   store_.reset();
@@ -180,7 +183,7 @@ TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
   const auto put = Put(*store_, StripObj(2, 5000));
   ASSERT_TRUE(put.ok()) << put.status();
   const auto answer = AwaitTree(*store_, put->info.id);
-  ExpectOver(answer.status(), "more than the limit of 5000000 bytes (--tree-bytes)");
+  ExpectOver(answer.status(), absl::StrCat("more than the limit of ", Options().tree_bytes, " bytes (--tree-bytes)"));
   EXPECT_THAT(answer.status().ToString(), HasSubstr("of 10000 triangles"));
   EXPECT_EQ(State(put->info.id), MeshState::kFailed);
   EXPECT_EQ(State(small), MeshState::kReady);
@@ -192,7 +195,7 @@ TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
 
 TEST_F(TreeBytesTest, ARebuildTakesTheRoomOfTheOldTreeWhereThereIsNoOther) {
   MeshStore::Options options = Options();
-  options.tree_bytes = 4'200'000;
+  options.tree_bytes = OneBuild() + 271'000;  // not enough for a finished tree
   store_.reset();
   store_ = OpenStore(directory_.path(), options);
   const std::string id = Upload(1);
@@ -206,7 +209,8 @@ TEST_F(TreeBytesTest, ARebuildTakesTheRoomOfTheOldTreeWhereThereIsNoOther) {
 
 TEST_F(TreeBytesTest, AnUploadThatTakesTooMuchMemoryIsRefused) {
   const std::string small = Upload(1);
-  ExpectOver(Put(*store_, StripObj(2, 40 * kSquares)).status(), "5000000 bytes (--tree-bytes)");
+  ExpectOver(Put(*store_, StripObj(2, 40 * kSquares)).status(),
+             absl::StrCat(Options().tree_bytes, " bytes (--tree-bytes)"));
   EXPECT_EQ(store_->List("", 10).size(), 1u);
   EXPECT_TRUE(AwaitTree(*store_, small).ok());
 }
@@ -214,6 +218,7 @@ TEST_F(TreeBytesTest, AnUploadThatTakesTooMuchMemoryIsRefused) {
 TEST_F(TreeBytesTest, ALazyTreeMakesRoomToo) {
   Config lazy;
   lazy.lazy = true;
+  lazy.duplication_budget = 0.1;  // what is reserved for lazy builds is more
   const auto put = Put(*store_, StripObj(1, kSquares), "lazy", lazy);
   ASSERT_TRUE(AwaitTree(*store_, "lazy").ok());
   Upload(2);
