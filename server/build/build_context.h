@@ -49,8 +49,7 @@ class BuildContext {
   std::optional<Config> chosen_config() const;
   std::vector<std::string> choices() const;
 
-  // Bytes of references that the build holds, the most of what it takes besides mesh and trees. The most of them at any
-  // time is kept.
+  // Bytes of references that the build holds, without the trees over them. The most of them at any time is kept.
   void CountBytes(int64_t added);
   uint64_t peak_bytes() const { return peak_bytes_.load(std::memory_order_relaxed); }
 

@@ -56,14 +56,13 @@ class DeltaLeafTasks {
     std::atomic<uint32_t> nodes{0};  // 0: not built
   };
 
-  // The δ-leaves' trees stand together, since memory of its own for each is a page fault for each page. One of n
-  // references has at most 2n - 1 nodes. What is not written takes no memory.
-
   const std::shared_ptr<BuildContext> context_;  // before top_, whose references count in it
   const SplitTree top_;
   const BuildOne build_one_;
   const std::function<void()> on_delta_leaf_;
   std::vector<DeltaLeaf> delta_leaves_;
+  // The δ-leaves' trees stand together, since memory of its own for each is a page fault for each page. One of n
+  // references has at most 2n - 1 nodes. What is not written takes no memory.
   LargeArray<BvhNode> nodes_;        // one tree after the other, as they were built
   LargeArray<uint32_t> references_;  // where they stand in the top's references
   std::atomic<uint32_t> nodes_used_{0};
