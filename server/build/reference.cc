@@ -38,8 +38,9 @@ ReferenceArray::~ReferenceArray() {
 
 void ReferenceArray::ShrinkToFit() {
   if (size_ == capacity()) return;
-  context_->CountBytes(Bytes(size_) - Bytes(capacity()));
-  data_.Shrink(size_);
+  const int64_t given_back = Bytes(capacity()) - Bytes(size_);
+  data_.Shrink(size_);  // may throw
+  context_->CountBytes(-given_back);
 }
 
 absl::StatusOr<ReferenceArray> MakeReferences(const TrianglesView& triangles, double duplication_budget,
