@@ -1,5 +1,6 @@
 #include "tests/bench/service_bench.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstring>
 #include <iostream>
@@ -9,6 +10,7 @@
 
 #include "absl/strings/str_format.h"
 #include "tests/bench/kernel_run.h"
+#include "tests/bench/loopback.h"
 #include "tests/bench/measure.h"
 #include "tests/bench/ray_sets.h"
 #include "tests/bench/server_process.h"
@@ -46,7 +48,8 @@ struct Target {
   const RaySet* set;
   WireRays wire;
   std::unique_ptr<Kernel> kernel;
-  std::vector<float> t;  // the right answers
+  std::vector<float> t;    // the right answers
+  size_t reply_ray_bytes;  // of a large reply
 
   // Whether a reply for `count` rays from `first` on is right, to the bit.
   absl::Status Check(size_t first, size_t count, const v1::HitBatch& hits) const {
@@ -72,7 +75,7 @@ struct Load {
   const Served* from;
   std::vector<std::unique_ptr<BenchConnection>> connections;
   uint32_t batch = 0;
-  Samples mrays_s, server, client, beyond;  // the last three: processor seconds per million rays
+  Samples mrays_s, server, client, beyond, loopback;  // all but the first: processor seconds per million rays
 };
 
 // Sends all rays of the target `passes` times over, each connection a part of them.
@@ -140,11 +143,16 @@ absl::Status MeasureThroughput(const std::vector<Served>& servers, const Target&
     stopwatch.Stop(&cost);
     const double server_cpu = (server.CpuSeconds() - server_start) / mrays;
     const double client_cpu = cost.cpu_seconds / mrays;
+    const size_t batches = (kLeastRays + load.batch - 1) / load.batch;
+    const absl::StatusOr<double> moved =
+        MoveOverLoopback(load.batch * target.wire.ray_bytes, load.batch * target.reply_ray_bytes, batches);
+    if (!moved.ok()) return moved.status();
     kernel_cpu.Add(kernel);
     load.mrays_s.Add(mrays / cost.seconds);
     load.server.Add(server_cpu);
     load.client.Add(client_cpu);
     load.beyond.Add(server_cpu + client_cpu - kernel);
+    load.loopback.Add(1e6 * *moved / static_cast<double>(batches * load.batch));
     return absl::OkStatus();
   });
   if (!status.ok()) return status;
@@ -160,6 +168,7 @@ absl::Status MeasureThroughput(const std::vector<Served>& servers, const Target&
     add("server_cpu_s_per_mray", load.server);
     add("client_cpu_s_per_mray", load.client);
     add("beyond_kernel_cpu_s_per_mray", load.beyond);
+    add("loopback_cpu_s_per_mray", load.loopback);
   }
   return absl::OkStatus();
 }
@@ -240,12 +249,17 @@ absl::Status MeasureScene(const std::vector<Served>& servers, Connection& connec
     const Tree& tree = *build->snapshot->tree;
     const absl::StatusOr<RaySet> set = MakeRaySet(name, *scene.mesh, tree, options.size);
     if (!set.ok()) return set.status();
+    WireRays wire(set->rays);
+    const size_t count = std::min<size_t>(set->rays.size(), kChunk);
+    const auto reply = Cast(connection, *mesh_id, wire, 0, count, v1::BUILD_WAIT_FINAL);
+    if (!reply.ok()) return reply.status();
     Target target{scene.name,
                   *mesh_id,
                   &*set,
-                  WireRays(set->rays),
+                  std::move(wire),
                   MakeDeltarayKernel(tree, {}, Question::kClosestHit),
-                  std::vector<float>(set->rays.size())};
+                  std::vector<float>(set->rays.size()),
+                  count == 0 ? 0 : reply->hits().ByteSizeLong() / count};
     std::vector<Hit> hits(set->rays.size());
     TraceAll(*target.kernel, set->rays, 1, kChunk, hits);
     std::ranges::transform(hits, target.t.begin(), &Hit::t);
