@@ -72,6 +72,15 @@ std::vector<Number> Numbers(const std::string& bytes) {
   return numbers;
 }
 
+// `count` rays from (0.25, 0.5, height) downwards, as they travel: t to the square at z is height - z.
+inline std::string RaysDownwards(size_t count, float height = 100) {
+  std::vector<float> rays;
+  for (size_t i = 0; i < count; ++i) {
+    for (float number : {0.25f, 0.5f, height, 0.0f, 0.0f, -1.0f}) rays.push_back(number);
+  }
+  return Bytes(rays);
+}
+
 }  // namespace deltaray
 
 #endif  // TESTS_UNIT_SERVICE_MESHES_H_
