@@ -19,16 +19,23 @@ using testing::HasSubstr;
 TEST(WatchdogTest, TellsOfFailuresAndOfTheirEnd) {
   CapturedLog log(LogFormat::kText);
   std::atomic<bool> ill{false};
-  std::atomic<int> failures{0};
+  std::atomic<int> looks{0}, failures{0};
   {
     Watchdog watchdog(
-        std::chrono::milliseconds(5), [&] { return ill ? "deaf" : ""; }, [&] { ++failures; });
-    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+        std::chrono::milliseconds(5),
+        [&] {
+          ++looks;
+          return ill ? "deaf" : "";
+        },
+        [&] { ++failures; });
+    EXPECT_TRUE(Eventually([&] { return looks >= 3; }));
     EXPECT_EQ(failures, 0);
     ill = true;
     EXPECT_TRUE(Eventually([&] { return failures >= 2; }));
     ill = false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    // The second look from here on began after that, and the third one after its line was written.
+    const int before = looks;
+    EXPECT_TRUE(Eventually([&] { return looks >= before + 3; }));
   }
   EXPECT_THAT(log.text(), HasSubstr("[error] watchdog: deaf"));
   EXPECT_THAT(log.text(), HasSubstr("[info] watchdog: all is well again"));
@@ -85,7 +92,7 @@ TEST_F(WatchedServer, NoticesThatFileDescriptorsHaveRunOutAndHearsAgainAfterward
   for (const int file : files) close(file);
   setrlimit(RLIMIT_NOFILE, &before);
   EXPECT_TRUE(Eventually([&] { return Works(address); }));
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  std::this_thread::sleep_for(std::chrono::seconds(1));  // for the watchdog to look again
   server_.reset();
   EXPECT_THAT(log.text(), HasSubstr("watchdog: "));
   EXPECT_THAT(log.text(), HasSubstr("all is well again"));

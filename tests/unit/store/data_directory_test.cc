@@ -71,16 +71,17 @@ TEST_F(DataDirectoryTest, AMeshWithADamagedHeadIsLeftOutAndItsFilesStay) {
 TEST_F(DataDirectoryTest, AConfigThatCanNotBeReadForNowIsTheOneBefore) {
   const auto store = OpenStore(path_);
   ASSERT_TRUE(AwaitTree(*store, "bad").ok());
-  const std::string content = ReadFile(ConfigFile(bad_));
-  std::filesystem::remove(ConfigFile(bad_));
-  // Leads to itself.
-  std::filesystem::create_symlink(ConfigFile(bad_), ConfigFile(bad_));
+  // Each change is one rename: the store, which looks all the time, must not find the file missing.
+  const ScratchDirectory beside;
+  const std::string kept = beside.path() + "/kept.config", link = beside.path() + "/link.config";
+  std::filesystem::copy_file(ConfigFile(bad_), kept);
+  std::filesystem::create_symlink(ConfigFile(bad_), link);
+  std::filesystem::rename(link, ConfigFile(bad_));  // leads to itself
   ASSERT_TRUE(store->Name("another", bad_).ok());
   EXPECT_EQ(store->Get("bad")->config.delta, 7u);
   std::this_thread::sleep_for(std::chrono::milliseconds(600));
   EXPECT_EQ(store->Get("bad")->config.delta, 7u);
-  std::filesystem::remove(ConfigFile(bad_));
-  WriteFile(ConfigFile(bad_), content);
+  std::filesystem::rename(kept, ConfigFile(bad_));
   ASSERT_TRUE(store->Name("a third", bad_).ok());
   EXPECT_EQ(store->Get("bad")->config.delta, 7u);
   EXPECT_EQ(store->Watch("bad")->build_number, 1u);
