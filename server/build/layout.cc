@@ -7,11 +7,20 @@
 #include <span>
 
 #include "server/build/group_references.h"
+#include "server/tree/large_memory.h"
 
 namespace deltaray {
 namespace {
 
-constexpr size_t kNodesAtOnce = 1 << 16;
+// More would take longer than a cancel may.
+constexpr size_t kElementsAtOnce = 1 << 16;
+
+// As `array`.resize(`size`), which it is not where the build is cancelled.
+template <typename Array>
+void Resize(size_t size, BuildContext& context, Array& array) {
+  array.reserve(size);
+  while (array.size() < size && !context.cancelled()) array.resize(std::min(array.size() + kElementsAtOnce, size));
+}
 
 }  // namespace
 
@@ -21,15 +30,16 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
 
   // 1. Where each node of the top goes: in depth-first order, a node stands after all that comes before it.
   struct Place {
-    uint32_t node = 0;
-    uint32_t reference = 0;
-    uint32_t delta_leaf = 0;  // of a leaf of the top
-    bool is_built = false;    // by now
+    uint32_t node;
+    uint32_t reference;
+    uint32_t delta_leaf;  // of a leaf of the top
+    bool is_built;        // by now
   };
-  std::vector<Place> places(top.size());
+  LargeArray<Place> places(top.size());
   uint32_t delta_leaf = 0, nodes = 0, references = 0;
   for (size_t i = 0; i < top.size(); ++i) {
-    places[i] = {nodes, references, delta_leaf};
+    if (i % kElementsAtOnce == 0 && context.cancelled()) return absl::CancelledError("the build was cancelled");
+    places[i] = {nodes, references, delta_leaf, false};
     if (!top[i].IsLeaf()) {
       ++nodes;
       continue;
@@ -49,13 +59,8 @@ absl::StatusOr<BinaryLayout> LayOut(const DeltaLeafTasks& delta_leaves, BuildCon
 
   // 2. Put it there.
   BvhArrays& arrays = layout.arrays;
-  arrays.nodes.reserve(nodes);
-  // All of them at once would take longer than a cancel may.
-  for (size_t size = 0; size < nodes && !context.cancelled();) {
-    size = std::min<size_t>(size + kNodesAtOnce, nodes);
-    arrays.nodes.resize(size);
-  }
-  arrays.references.resize(references);
+  Resize(nodes, context, arrays.nodes);
+  Resize(references, context, arrays.references);
   if (context.cancelled()) return absl::CancelledError("the build was cancelled");
   tbb::parallel_for(tbb::blocked_range<size_t>(0, top.size(), 64), [&](const tbb::blocked_range<size_t>& range) {
     if (context.cancelled()) return;

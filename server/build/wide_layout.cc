@@ -61,7 +61,7 @@ class Layout {
     scale_ = std::ldexp(1.0, arrays.scale_exponent);
 
     // 1. Find how much room each subtree takes.
-    sizes_.resize(tree_.nodes.size());
+    sizes_ = LargeArray<uint32_t>(tree_.nodes.size());
     const Size whole = tree_.nodes[0].IsLeaf() || plan_.LeafSize(0) != 0 ? SingleLeafSize() : Measure(0, 0);
     if (context_.cancelled()) return absl::CancelledError("the build was cancelled");
     if (whole.units > ChildRef::kMaxOffset) {
@@ -281,7 +281,7 @@ class Layout {
   std::vector<LeafReferences>* const leaf_references_;
   const WidePlan plan_;
   double scale_ = 1;
-  std::vector<uint32_t> sizes_;  // units, by the binary node that became the wide one
+  LargeArray<uint32_t> sizes_;  // units, by the binary node that became the wide one; of others nothing is written
   std::byte* block_ = nullptr;
   std::atomic<bool> exact_corners_{true};
 };
