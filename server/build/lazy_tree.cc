@@ -41,9 +41,9 @@ absl::StatusOr<std::shared_ptr<const LazyTree::Version>> LazyTree::LayOutVersion
   absl::StatusOr<WideArrays> wide = LayOutWide(binary->arrays, triangles, target, context, &leaf_references);
   if (!wide.ok()) return wide.status();
   const bool complete = binary->unbuilt.empty();
-  return std::make_shared<const Version>(Version{WideTree(triangles, *std::move(wide)),
-                                                 LabelsOf(leaf_references, binary->unbuilt), complete ? nullptr : tasks,
-                                                 tasks->count() - binary->unbuilt.size(), Clock::now() - start});
+  return std::make_shared<const Version>(Version{
+      WideTree(triangles, *std::move(wide)), LabelsOf(leaf_references, binary->unbuilt), complete ? nullptr : tasks,
+      tasks->count() - binary->unbuilt.size(), (Clock::now() - start) * tbb::this_task_arena::max_concurrency()});
 }
 
 LazyTree::LazyTree(TrianglesView triangles, std::shared_ptr<const Version> first, SimdTarget target,
@@ -65,9 +65,7 @@ void LazyTree::Answer(const Query& query) const {
   if (is_behind) {
     const int64_t time = std::chrono::nanoseconds(Clock::now() - start).count();
     const int64_t sum = nanoseconds_traced_.fetch_add(time, std::memory_order_relaxed) + time;
-    if (sum >= kTracingPerLayout * version->layout_time.count() * tbb::this_task_arena::max_concurrency()) {
-      LayOutAnew(*version);
-    }
+    if (sum >= kTracingPerLayout * version->layout_cost.count()) LayOutAnew(*version);
   }
   if (!reached.empty()) BuildReached(*version, reached);
 }

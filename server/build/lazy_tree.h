@@ -22,8 +22,8 @@
 namespace deltaray {
 
 // A wide tree that is laid out anew now and then. Queries record which δ-leaves that are not built rays have come to;
-// whoever asked builds them before the query returns, each once. When tracing has since taken each thread
-// kTracingPerLayout times as long as it takes all of them to lay out the tree, it is laid out with what is built, and
+// whoever asked builds them before the query returns, each once. When the threads that trace have since
+// taken kTracingPerLayout times what all threads take to lay out the tree, it is laid out with what is built, and
 // replaces the one before; so that costs little however rays come. Once all δ-leaves are in the tree, it is the final
 // tree of a build that is not lazy.
 //
@@ -36,9 +36,9 @@ class LazyTree final : public Tree {
     WideTree tree;
     // For a LeafRecorder: the δ-leaf that a leaf is part of, where that is not built.
     mutable std::vector<std::atomic<uint32_t>> labels;
-    std::shared_ptr<DeltaLeafTasks> tasks;  // nullptr: all δ-leaves are in the tree
-    uint64_t delta_leaves = 0;              // that are built, in the tree
-    std::chrono::nanoseconds layout_time{};
+    std::shared_ptr<DeltaLeafTasks> tasks;   // nullptr: all δ-leaves are in the tree
+    uint64_t delta_leaves = 0;               // that are built, in the tree
+    std::chrono::nanoseconds layout_cost{};  // of all threads that it may have taken
   };
   // Lays out what is built. As LayOutWide.
   static absl::StatusOr<std::shared_ptr<const Version>> LayOutVersion(const TrianglesView& triangles,
