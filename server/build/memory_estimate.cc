@@ -25,7 +25,9 @@ uint64_t EstimateBuildBytes(const Config& config, uint64_t triangles) {
   // Where the mesh is to choose it, it will be no less than this.
   const uint32_t delta =
       config.delta == kDeltaByMesh ? MakeConfig(Builder::kHybrid, Preset::kFast).delta : config.delta;
-  const double delta_leaves = config.builder == Builder::kHybrid ? references / delta : 0;
+  const bool has_delta_leaves = config.builder == Builder::kHybrid || config.builder == Builder::kTang2015;
+  // Most are of more than half of δ.
+  const double delta_leaves = has_delta_leaves ? references * std::min(1.0, 2.0 / delta) : 0;
   const double bytes = references * (config.lazy ? kLazyBytes : kBytes) +
                        delta_leaves * (config.lazy ? kLazyDeltaLeafBytes : kDeltaLeafBytes);
   return kFixedBytes + static_cast<uint64_t>(bytes + std::min(kPageBytes, kPageShare * bytes));

@@ -14,13 +14,13 @@ namespace deltaray {
 // it, and each of a ray's nodes a miss of the address cache; and to give them back takes longer than a cancel may.
 // malloc would keep what is freed. A last part of less than half a huge page has small ones. Throws std::bad_alloc.
 void* AllocateLarge(size_t bytes);
-// What so many take of the machine's memory: up to half a huge page more, once all of them have been written.
-size_t ResidentBytes(size_t bytes);
 // The same, all bytes 0. From 2 MiB on the system sees to that as pages are first used, so that it takes no time here.
 void* AllocateLargeCleared(size_t bytes);
+// What so many take of the machine's memory, once all of them have been written: up to half a huge page more.
+size_t ResidentBytes(size_t bytes);
 // `bytes`: as they were asked for.
 void FreeLarge(void* data, size_t bytes);
-// Gives back what is past the first `bytes`. Returns where they are now.
+// Gives back the pages past the first `bytes`. Returns where they are now.
 void* ShrinkLarge(void* data, size_t old_bytes, size_t bytes);
 
 // For standard containers.

@@ -68,14 +68,14 @@ TEST(BudgetsTest, BytesOnDiskAreLimited) {
 }
 
 // Of trees of 6,000 triangles, some 0.5 MB each with their meshes, one stands while another is built, which takes up
-// to 4.1 MB.
+// to 4.8 MB.
 class TreeBytesTest : public ::testing::Test {
  protected:
   static constexpr int kSquares = 3000;
   static uint64_t OneBuild() { return EstimateBuildBytes(Config(), 2 * kSquares); }
   static MeshStore::Options Options() {
     MeshStore::Options options;
-    options.tree_bytes = OneBuild() + 1'070'000;  // room for two finished trees beside a build
+    options.tree_bytes = OneBuild() + 1'070'000;  // room for a finished tree beside a build
     options.follow_interval = std::chrono::milliseconds(20);
     return options;
   }
