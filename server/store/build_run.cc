@@ -26,19 +26,20 @@ absl::Status BuildRun::Run(const LoadMesh& load, const Build::Options& options,
   try {
     status = LoadAndBuild(load, options, on_provisional);
   } catch (const std::bad_alloc&) {
-    status = absl::ResourceExhaustedError("no memory to build the tree");
     // What was there of it no longer counts as being built.
     if (const std::shared_ptr<Build> running = build()) {
       running->Cancel();
       running->WaitDone().IgnoreError();
     }
+    status = absl::ResourceExhaustedError("no memory to build the tree");
   }
   if (status.ok()) {
     const TreeShape shape = build()->statistics().shape;
     tree_bytes_ = shape.node_bytes + shape.reference_bytes;
   }
   // Where it failed after its provisional tree stood, that goes on to answer.
-  if (const std::shared_ptr<Build> failed = status.ok() ? nullptr : build(); failed && failed->snapshot()) {
+  if (const std::shared_ptr<Build> failed = status.ok() ? nullptr : build();
+      failed && failed->snapshot() && !failed->snapshot()->tree->is_growing()) {
     try {
       HoldTree(0);
     } catch (const std::bad_alloc&) {
