@@ -35,6 +35,7 @@ absl::StatusOr<double> MoveOverLoopback(size_t request_bytes, size_t reply_bytes
     boost::system::error_code write_error, server_error, read_error;
     std::thread writing([&] {
       for (size_t i = 0; i < count && !write_error; ++i) write(client, boost::asio::buffer(request), write_error);
+      if (write_error) shut(client);
     });
     std::thread serving([&] {
       for (size_t i = 0; i < count && !server_error; ++i) {
