@@ -318,6 +318,7 @@ TEST_F(MeshHandlersTest, WatchReportsAtMostTenTimesASecond) {
   std::vector<v1::WatchBuildResponse> reports;
   ASSERT_TRUE(WatchAll("squares", &reports).ok());
   EXPECT_LE(reports.size(), 7u);  // less where one is still on its way at the next look
+  EXPECT_GE(reports.size(), 4u);
   EXPECT_EQ(reports.back().progress().state(), v1::MESH_STATE_READY);
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(590));
 }
@@ -333,7 +334,6 @@ TEST_F(MeshHandlersTest, WatchEndsWhenTheTreeHasMadeRoom) {
   std::vector<v1::WatchBuildResponse> reports;
   ASSERT_TRUE(WatchAll("squares", &reports).ok());
   EXPECT_EQ(reports.back().progress().state(), v1::MESH_STATE_STORED);
-  EXPECT_GE(looks, 3);
 }
 
 TEST_F(MeshHandlersTest, RequestsOfManyFieldsAreRefusedUnread) {
