@@ -49,7 +49,7 @@ struct Shared {
   std::condition_variable ended;
   uint32_t running = 0;
   uint64_t batches = 0, answered_rays = 0, wrong = 0;
-  uint64_t closed = 0;                     // connections, before they had an answer
+  uint64_t closed = 0;                     // connections
   std::map<std::string, uint64_t> errors;  // by code and text
 };
 
@@ -79,6 +79,8 @@ class LoadStream final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::
     grpc::ChannelArguments arguments;
     arguments.SetMaxReceiveMessageSize(-1);
     arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+    // gRPC 1.51's retries lose messages of a stream whose connection is closed as it begins.
+    arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
     channel_ = grpc::CreateCustomChannel(options.server, grpc::InsecureChannelCredentials(), arguments);
   }
 
@@ -131,7 +133,9 @@ class LoadStream final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::
     {
       const std::lock_guard lock(mutex_);
       if (taken_ == sent_.size()) {
+        const std::lock_guard shared_lock(shared_->mutex);
         ++shared_->wrong;
+        std::cerr << "wrong: a reply to nothing\n";
         return context_->TryCancel();
       }
       Check(sent_[taken_++]);
@@ -152,8 +156,9 @@ class LoadStream final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::
     {
       const std::lock_guard lock(shared_->mutex);
       const bool over = shared_->over;
-      // Documented: a connection that has no call may be closed to make room, just when one comes.
-      const bool closed = status.error_code() == grpc::StatusCode::UNAVAILABLE && taken_ == 0;
+      // Documented: a connection that has no call may be closed to make room, just when one comes, or when one was
+      // refused, whose text is lost then.
+      const bool closed = status.error_code() == grpc::StatusCode::UNAVAILABLE;
       // At the end whatever is left is cancelled.
       if (closed) {
         ++shared_->closed;
@@ -202,9 +207,21 @@ class LoadStream final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::
     for (const grpc::Slice& slice : slices) bytes.append(reinterpret_cast<const char*>(slice.begin()), slice.size());
     v1::StreamRaysResponse response;
     const size_t offset = sent.first * sizeof(float), size = sent.count * sizeof(float);
-    shared_->wrong += !response.ParseFromString(bytes) || response.batch_number() + 1 != taken_ ||
-                      response.hits().t().size() != size ||
-                      std::memcmp(response.hits().t().data(), shared_->t.data() + offset, size) != 0;
+    std::string wrong;
+    if (!response.ParseFromString(bytes)) {
+      wrong = "it cannot be parsed";
+    } else if (response.batch_number() + 1 != taken_) {
+      wrong = absl::StrFormat("it has number %d", response.batch_number());
+    } else if (response.hits().t().size() != size) {
+      wrong = absl::StrFormat("%d bytes of t in place of %d", response.hits().t().size(), size);
+    } else if (const std::string_view right(shared_->t.data() + offset, size); response.hits().t() != right) {
+      const auto differs = std::mismatch(right.begin(), right.end(), response.hits().t().begin()).first - right.begin();
+      wrong = absl::StrFormat("t differs from ray %d on", differs / sizeof(float));
+    }
+    if (wrong.empty()) return;
+    ++shared_->wrong;
+    std::cerr << absl::StrFormat("wrong: of %d rays from %d on, the %d. reply of a stream: %s\n", sent.count,
+                                 sent.first, taken_, wrong);
   }
 
   Shared* const shared_;
