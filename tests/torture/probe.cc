@@ -1,5 +1,6 @@
 #include "tests/torture/probe.h"
 
+#include <algorithm>
 #include <chrono>
 #include <functional>
 #include <iostream>
@@ -22,7 +23,8 @@ namespace {
 using std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds kInterval(10);
-constexpr int kMostTries = 10;
+constexpr int kMostTries = 30;
+constexpr int kLongestPause = 10;  // in intervals
 constexpr uint32_t kSpeedRays = 1 << 19;
 constexpr uint32_t kSpeedBatch = 1 << 14;
 
@@ -56,7 +58,8 @@ absl::Status Repeat(steady_clock::time_point end, Samples* times, int* repeated,
     absl::Status status = call();
     for (int tries = 1; absl::IsUnavailable(status) && tries < kMostTries; ++tries) {
       ++*repeated;
-      if (tries > 1) std::this_thread::sleep_for(kInterval);
+      // A new connection is not tried before gRPC's back-off is over.
+      if (tries > 1) std::this_thread::sleep_for(kInterval * std::min(tries, kLongestPause));
       status = call();
     }
     if (!status.ok()) return status;
