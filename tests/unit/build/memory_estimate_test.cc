@@ -9,7 +9,7 @@
 namespace deltaray {
 namespace {
 
-// What a build counts itself; README.md has what processes took.
+// What a build of each preset counts itself; tests/unit/bench/build_memory_test.cc asks the system.
 TEST(MemoryEstimateTest, NoBuildTakesMore) {
   for (const Builder builder :
        {Builder::kHybrid, Builder::kKdTree, Builder::kBvh, Builder::kSbvh, Builder::kTang2015}) {
