@@ -102,6 +102,15 @@ absl::Status WriteResult(const ChartOptions& options, const Session& session,
   return status.ok() ? WriteOutput(session.messages, choice + "\n", "standard error") : status;
 }
 
+// Rays that bounce off what is convex hit nothing, and a choice by such rays would be taken for more than it is.
+absl::Status WarnOfNoHits(const Session& session, const v1::CompareAccuracyResponse& response) {
+  if (response.hit_count() > 0) return absl::OkStatus();
+  return WriteOutput(session.messages,
+                     "warning: none of the rays hits the mesh, so that the choice says nothing of hits; try --generate "
+                     "chords or camera, or other --rays\n",
+                     "standard error");
+}
+
 // However they are spelt. Either may not be there yet.
 bool IsSameFile(const std::string& a, const std::string& b) {
   std::error_code a_error, b_error;
@@ -140,7 +149,8 @@ absl::Status Chart(const ChartOptions& options, const Session& session) {
   });
   if (!status.ok()) return status;
   status = CheckReply(response);
-  return status.ok() ? WriteResult(options, session, response) : status;
+  if (status.ok()) status = WriteResult(options, session, response);
+  return status.ok() ? WarnOfNoHits(session, response) : status;
 }
 
 // Standard output is taken by what --format says.

@@ -13,6 +13,7 @@ for kind in camera chords bounce shadow; do
   expect_text "$scratch/out" '^rays +20,000, of which [1-9][0-9,]* hit$'
   expect_text "$scratch/out" '^cheapest level with at most 0 wrong answers per million: (fast|watertight|exact)$'
   expect_text "$scratch/$kind.svg" '^<svg '
+  ! grep -q '^warning' "$scratch/err" || fail "a warning of rays that hit"
   # EXACT is the truth.
   expect_text "$scratch/$kind.csv" '^exact,exact,0,0,0,0,0,0,[0-9.]+$'
 done
@@ -25,6 +26,7 @@ expect_text "$scratch/err" '^cheapest level with at most 1e\+06 wrong answers pe
 truncate -s $((1048560 * 64)) "$scratch/rays.f64"
 expect 0 client --timeout 100 chart bunny -o "$scratch/large.svg" --rays "$scratch/rays.f64" --rays-format f64x8 --rounds 1
 expect_text "$scratch/out" '^rays +1,048,560, of which 0 hit$'
+expect_text "$scratch/err" '^warning: none of the rays hits the mesh'
 expect 69 client chart nothing -o "$scratch/none.svg"
 [ ! -e "$scratch/none.svg" ] || fail "a chart of a mesh that is not there"
 
