@@ -11,6 +11,7 @@
 #include "client/exit_code.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
+#include "client/server_address.h"
 #include "client/text_table.h"
 
 namespace deltaray {
@@ -37,10 +38,7 @@ void AddCommands(CLI::App& app, CommandRun& run) {
 void AddGlobalFlags(CLI::App& app, Session& session) {
   app.add_option("--server", session.server, "Address of deltarayd")
       ->envname("DELTARAY_SERVER")
-      ->check([](const std::string& address) {
-        // gRPC would try that of HTTPS.
-        return address.find(':') == std::string::npos ? absl::StrCat("'", address, "' has no port") : std::string();
-      })
+      ->check([](const std::string& address) { return Printable(WrongWithServerAddress(address)); })
       ->type_name("HOST:PORT")
       ->capture_default_str();
   app.add_option("--timeout", session.timeout_seconds,

@@ -19,6 +19,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
+using ::testing::StartsWith;
 
 TEST(CommandLineTest, ServerThatIsNotThere) {
   TestSession session("127.0.0.1:1");
@@ -71,6 +72,46 @@ TEST(CommandLineTest, UsageErrors) {
   EXPECT_THAT(session.TakeMessages(), HasSubstr("There is no command 'fly'"));
   EXPECT_EQ(session.Run({"--server", "somewhere", "list"}), 2);
   EXPECT_THAT(session.TakeMessages(), HasSubstr("--server: 'somewhere' has no port"));
+}
+
+// gRPC takes the digits that a port begins with, and of the number its last 16 bits: a slip reached another server.
+TEST(CommandLineTest, RefusesPortsThatAreNone) {
+  TestSession session;
+  for (const std::string port :
+       {"7999x", "7999abc", "073535", "79999", "65536", "-1", "+1", "0", " 1", "", "http", "99999999999999999999"}) {
+    for (const char* const host : {"127.0.0.1:", "dns:///localhost:", "dns:localhost:", "ipv4:127.0.0.1:",
+                                   "ipv4:127.0.0.1:1,127.0.0.1:", "[::1]:", "ipv6:[::1]:", "ipv6:%5B::1%5D:"}) {
+      EXPECT_EQ(session.Run({"--server", host + port, "list"}), 2) << host << port;
+      EXPECT_THAT(session.TakeMessages(),
+                  StartsWith("--server: '" + (host + port) + "': port '" + port + "' is not in the range 1 to 65535"));
+    }
+  }
+  for (const char* const address : {"dns:///localhost", "dns:", "ipv4:127.0.0.1", "ipv4:127.0.0.1:1,127.0.0.1", "::1",
+                                    "[::1]", "dns://127.0.0.1:53/localhost"}) {
+    EXPECT_EQ(session.Run({"--server", address, "list"}), 2) << address;
+    EXPECT_THAT(session.TakeMessages(), HasSubstr(" has no port"));
+  }
+  setenv("DELTARAY_SERVER", "localhost:79999", 1);
+  TestSession environment;
+  EXPECT_EQ(environment.Run({"list"}), 2);
+  EXPECT_THAT(environment.TakeMessages(), HasSubstr("port '79999' is not in the range"));
+  unsetenv("DELTARAY_SERVER");
+}
+
+TEST(CommandLineTest, TakesEverySchemeOfAddress) {
+  FakeServer server;
+  const std::string port = server.address().substr(server.address().rfind(':'));
+  for (const std::string host : {"localhost", "dns:localhost", "dns:///localhost", "ipv4:127.0.0.1",
+                                 "ipv4:///127.0.0.1", "ipv4:127.0.0.1:1,127.0.0.1"}) {
+    TestSession session;
+    EXPECT_EQ(session.Run({"--server", host + port, "list"}), 0) << host << session.TakeMessages();
+  }
+  // Nobody listens there.
+  for (const char* const address : {"unix:/no/such:socket", "unix-abstract:deltaray-no-such", "[::1]:1", "ipv6:[::1]:1",
+                                    "ipv6:%5B::1%5D:1", "127.0.0.1:65535"}) {
+    TestSession session;
+    EXPECT_EQ(session.Run({"--server", address, "list"}), 64 + 14) << address;
+  }
 }
 
 TEST(CommandLineTest, EveryHelpHasAnExample) {
