@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
 #include "client/accuracy_text.h"
 #include "client/text_table.h"
 
@@ -15,7 +16,9 @@ namespace deltaray {
 namespace {
 
 constexpr double kWidth = 960;
-constexpr double kHeight = 560;
+constexpr double kHeight = 576;
+// What of a wide font fits beside each other.
+constexpr size_t kFooterLetters = 125;
 // The plot.
 constexpr double kLeft = 90;
 constexpr double kRight = 920;
@@ -132,6 +135,19 @@ std::string Table(const std::vector<std::vector<std::string>>& rows) {
   return svg;
 }
 
+// The text in lines of kFooterLetters at most, split at blanks; a word that is longer keeps a line to itself.
+std::vector<std::string> Lines(const std::string& text) {
+  std::vector<std::string> lines;
+  for (const absl::string_view word : absl::StrSplit(text, ' ')) {
+    if (lines.empty() || lines.back().size() + 1 + word.size() > kFooterLetters) {
+      lines.emplace_back(word);
+    } else {
+      absl::StrAppend(&lines.back(), " ", word);
+    }
+  }
+  return lines;
+}
+
 }  // namespace
 
 std::string AccuracyChartSvg(const std::string& title, const std::string& footer,
@@ -144,10 +160,14 @@ std::string AccuracyChartSvg(const std::string& title, const std::string& footer
       kWidth, kHeight, kWidth, kHeight);
   absl::StrAppend(&svg, Text(24, 30, "start", "#202020", title), scales.Axes(), Points(scales, comparison, rows),
                   Table(rows));
-  const double y = kHeight - 44;
-  absl::StrAppend(&svg, Text(24, y, "start", kGrey, absl::StrCat("memory: ", MemoryText(comparison))),
-                  Text(24, y + 22, "start", "#202020", footer), "</svg>\n");
-  return svg;
+  double y = kHeight - 60;
+  svg += Text(24, y, "start", kGrey, absl::StrCat("memory: ", MemoryText(comparison)));
+  y += 22;
+  for (const std::string& line : Lines(footer)) {
+    svg += Text(24, y, "start", "#202020", line);
+    y += 18;
+  }
+  return absl::StrCat(svg, "</svg>\n");
 }
 
 }  // namespace deltaray

@@ -1,5 +1,6 @@
 #include "client/accuracy_text.h"
 
+#include <cmath>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -10,9 +11,31 @@
 
 namespace deltaray {
 
+namespace {
+
+uint64_t WrongAnswers(const v1::AccuracyMeasurement& level) {
+  return level.false_misses() + level.false_hits() + level.wrong_primitives();
+}
+
+// How much the measurement says of a level.
+std::string EvidenceText(const v1::AccuracyMeasurement& level, uint64_t rays) {
+  if (level.answered_accuracy() == v1::ACCURACY_LEVEL_EXACT) return "never wrong: the others are measured by it";
+  const std::string of_rays = absl::StrCat(" of ", GroupDigits(rays), " rays");
+  if (const uint64_t wrong = WrongAnswers(level); wrong > 0) return absl::StrCat(GroupDigits(wrong), " wrong", of_rays);
+  // The rule of three: what happens with a probability of 3 / n happens at least once in n times, with a probability of
+  // 1 - e^-3 and more.
+  const double bound = 3e6 / static_cast<double>(rays);
+  const std::string none = absl::StrCat("none wrong", of_rays);
+  if (bound >= 1e6) return absl::StrCat(none, ", which are too few to show anything");
+  const std::string at_most =
+      bound < 10 ? absl::StrFormat("%.1f", std::ceil(bound * 10) / 10) : GroupDigits(std::ceil(bound));
+  return absl::StrCat(none, ", which shows fewer than ", at_most, " per million with 95 % confidence");
+}
+
+}  // namespace
+
 double WrongPerMillion(const v1::AccuracyMeasurement& level, uint64_t rays) {
-  const uint64_t wrong = level.false_misses() + level.false_hits() + level.wrong_primitives();
-  return 1e6 * static_cast<double>(wrong) / static_cast<double>(rays);
+  return 1e6 * static_cast<double>(WrongAnswers(level)) / static_cast<double>(rays);
 }
 
 const v1::AccuracyMeasurement* CheapestLevel(const v1::CompareAccuracyResponse& comparison,
@@ -27,8 +50,10 @@ const v1::AccuracyMeasurement* CheapestLevel(const v1::CompareAccuracyResponse& 
 
 std::string CheapestLevelText(const v1::CompareAccuracyResponse& comparison, double max_wrong_per_million) {
   const v1::AccuracyMeasurement* const level = CheapestLevel(comparison, max_wrong_per_million);
-  return absl::StrCat("cheapest level with at most ", max_wrong_per_million,
-                      " wrong answers per million: ", level == nullptr ? "none" : EnumName(level->accuracy()));
+  const std::string text =
+      absl::StrCat("cheapest level with at most ", max_wrong_per_million, " wrong answers per million: ");
+  if (level == nullptr) return absl::StrCat(text, "none");
+  return absl::StrCat(text, EnumName(level->accuracy()), " (", EvidenceText(*level, comparison.ray_count()), ")");
 }
 
 std::vector<std::vector<std::string>> AccuracyRows(const v1::CompareAccuracyResponse& comparison) {

@@ -19,7 +19,8 @@ double WrongPerMillion(const v1::AccuracyMeasurement& level, uint64_t rays);
 const v1::AccuracyMeasurement* CheapestLevel(const v1::CompareAccuracyResponse& comparison,
                                              double max_wrong_per_million);
 
-// "cheapest level with at most 5 wrong answers per million: watertight".
+// "cheapest level with at most 50 wrong answers per million: watertight (4 wrong of 100,000 rays)". Where none was
+// wrong, it tells how many in a million may be all the same.
 std::string CheapestLevelText(const v1::CompareAccuracyResponse& comparison, double max_wrong_per_million);
 
 // Cells of the table for people, a row a level, the first row its heads; and what the memory is.

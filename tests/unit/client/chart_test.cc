@@ -18,6 +18,7 @@
 namespace deltaray {
 namespace {
 
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
@@ -57,7 +58,8 @@ TEST_F(ChartTest, WritesPictureTableAndChoice) {
   const std::string text = session_.TakeOutput();
   EXPECT_THAT(text, HasSubstr("memory  nodes 3.0 MiB, references 0 B, mesh 0 B\n"));
   EXPECT_THAT(text, HasSubstr("\nfast           100.0    10.00               3000             2           1"));
-  EXPECT_THAT(text, HasSubstr("cheapest level with at most 0 wrong answers per million: exact\n"));
+  EXPECT_THAT(text, HasSubstr("cheapest level with at most 0 wrong answers per million: exact (never wrong: the others "
+                              "are measured by it)\n"));
   EXPECT_THAT(csv.Read(), StartsWith("accuracy,answered_accuracy,false_misses,false_hits,wrong_primitives,"));
   EXPECT_THAT(csv.Read(), HasSubstr("\nfast,fast,2,1,0,12345,0,0,100\n"));
   // By id, not by name.
@@ -75,9 +77,9 @@ TEST_F(ChartTest, ChoosesTheCheapestLevelThatIsGoodEnough) {
     EXPECT_THAT(session_.TakeOutput(), HasSubstr("\"ray_count\":\"1000\""));
     return session_.TakeMessages();
   };
-  EXPECT_THAT(choice("999"), HasSubstr("per million: exact\n"));
-  EXPECT_THAT(choice("1000"), HasSubstr("per million: watertight\n"));
-  EXPECT_THAT(choice("3000"), HasSubstr("per million: fast\n"));
+  EXPECT_THAT(choice("999"), HasSubstr("per million: exact ("));
+  EXPECT_THAT(choice("1000"), HasSubstr("per million: watertight (1 wrong of 1,000 rays)\n"));
+  EXPECT_THAT(choice("3000"), HasSubstr("per million: fast (3 wrong of 1,000 rays)\n"));
 }
 
 TEST_F(ChartTest, SendsTheRaysOfAFile) {
@@ -177,6 +179,33 @@ TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
   session_.SetInput("");
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-"}), 1);
   EXPECT_EQ(svg_.Read(), "");
+}
+
+TEST(AccuracyTextTest, TellsWhatSoManyRaysCanShow) {
+  v1::CompareAccuracyResponse comparison;
+  comparison.add_levels()->set_accuracy(v1::ACCURACY_LEVEL_FAST);
+  comparison.mutable_levels(0)->set_answered_accuracy(v1::ACCURACY_LEVEL_FAST);
+  const auto choice = [&](uint64_t rays) {
+    comparison.set_ray_count(rays);
+    return CheapestLevelText(comparison, 0);
+  };
+  EXPECT_EQ(choice(100'000),
+            "cheapest level with at most 0 wrong answers per million: fast (none wrong of 100,000 rays, which shows "
+            "fewer than 30 per million with 95 % confidence)");
+  EXPECT_THAT(choice(1 << 20), HasSubstr("of 1,048,576 rays, which shows fewer than 2.9 per million"));
+  EXPECT_THAT(choice(1000), HasSubstr("fewer than 3,000 per million"));
+  EXPECT_THAT(choice(70), HasSubstr("fewer than 42,858 per million"));
+  EXPECT_THAT(choice(3), EndsWith("fast (none wrong of 3 rays, which are too few to show anything)"));
+}
+
+TEST(AccuracyChartTest, WrapsALongFooter) {
+  v1::CompareAccuracyResponse comparison;
+  comparison.set_ray_count(10);
+  comparison.add_levels()->set_nanoseconds_per_ray(0.5);
+  const std::string half(70, 'x');
+  const std::string svg = AccuracyChartSvg("title", half + " " + half, comparison);
+  EXPECT_THAT(svg, HasSubstr("y=\"538.0\" text-anchor=\"start\" fill=\"#202020\">" + half + "<"));
+  EXPECT_THAT(svg, HasSubstr("y=\"556.0\" text-anchor=\"start\" fill=\"#202020\">" + half + "<"));
 }
 
 TEST(AccuracyChartTest, TakesAnyTitleAndLevelsThatAreNeverWrong) {
