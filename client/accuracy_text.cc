@@ -94,8 +94,9 @@ std::string AccuracyText(const v1::CompareAccuracyResponse& comparison) {
 }
 
 std::string AccuracyCsv(const v1::CompareAccuracyResponse& comparison) {
-  std::string csv = CsvHeader(v1::AccuracyMeasurement());
-  for (const v1::AccuracyMeasurement& level : comparison.levels()) csv += CsvRow(level);
+  std::string csv = absl::StrCat("ray_count,hit_count,", CsvHeader(v1::AccuracyMeasurement()));
+  const std::string rays = absl::StrCat(comparison.ray_count(), ",", comparison.hit_count(), ",");
+  for (const v1::AccuracyMeasurement& level : comparison.levels()) absl::StrAppend(&csv, rays, CsvRow(level));
   return csv;
 }
 

@@ -30,7 +30,7 @@ std::string MemoryText(const v1::CompareAccuracyResponse& comparison);
 // The whole table for people, without the choice.
 std::string AccuracyText(const v1::CompareAccuracyResponse& comparison);
 
-// CSV with a header and a row a level: the fields of AccuracyMeasurement.
+// CSV with a header and a row a level: how many rays were traced and hit, and the fields of AccuracyMeasurement.
 std::string AccuracyCsv(const v1::CompareAccuracyResponse& comparison);
 
 }  // namespace deltaray

@@ -15,7 +15,7 @@ for kind in camera chords bounce shadow; do
   expect_text "$scratch/$kind.svg" '^<svg '
   ! grep -q '^warning' "$scratch/err" || fail "a warning of rays that hit"
   # EXACT is the truth.
-  expect_text "$scratch/$kind.csv" '^exact,exact,0,0,0,0,0,0,[0-9.]+$'
+  expect_text "$scratch/$kind.csv" '^20000,[1-9][0-9]*,exact,exact,0,0,0,0,0,0,[0-9.]+$'
 done
 # Rays of the user's own.
 printf '0,0,5,0,0,-1\n0,100,0,0,1,0\n' >"$scratch/rays.csv"

@@ -18,6 +18,7 @@
 namespace deltaray {
 namespace {
 
+using ::testing::ContainsRegex;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -60,8 +61,9 @@ TEST_F(ChartTest, WritesPictureTableAndChoice) {
   EXPECT_THAT(text, HasSubstr("\nfast           100.0    10.00               3000             2           1"));
   EXPECT_THAT(text, HasSubstr("cheapest level with at most 0 wrong answers per million: exact (never wrong: the others "
                               "are measured by it)\n"));
-  EXPECT_THAT(csv.Read(), StartsWith("accuracy,answered_accuracy,false_misses,false_hits,wrong_primitives,"));
-  EXPECT_THAT(csv.Read(), HasSubstr("\nfast,fast,2,1,0,12345,0,0,100\n"));
+  EXPECT_THAT(csv.Read(),
+              StartsWith("ray_count,hit_count,accuracy,answered_accuracy,false_misses,false_hits,wrong_primitives,"));
+  EXPECT_THAT(csv.Read(), ContainsRegex("\n1000,[0-9]+,fast,fast,2,1,0,12345,0,0,100\n"));
   // By id, not by name.
   EXPECT_THAT(request().mesh(), StartsWith("aaaa"));
   EXPECT_EQ(request().rounds(), 3u);
@@ -87,7 +89,7 @@ TEST_F(ChartTest, SendsTheRaysOfAFile) {
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-", "--kind", "any", "--format", "csv"}), 0);
   EXPECT_EQ(Rays(), (std::vector<std::array<double, 6>>{{1, 2, 3, 0, 0, -1}, {4, 5, 6, 0, 0, 1}}));
   EXPECT_EQ(request().query().kind(), v1::QUERY_KIND_ANY_HIT);
-  EXPECT_THAT(session_.TakeOutput(), StartsWith("accuracy,"));
+  EXPECT_THAT(session_.TakeOutput(), StartsWith("ray_count,hit_count,accuracy,"));
 }
 
 // 2^20 rays of 64 bytes are as many bytes as a message may have, which leaves none for the query.
