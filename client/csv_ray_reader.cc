@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -27,6 +28,16 @@ constexpr size_t kMaxLineBytes = 4095;
 // What some programs of Windows write before the first line.
 constexpr absl::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
+// What stands in a field, for an error: at most so much of it as a number may take, and nothing that is not ASCII,
+// since it may be anything where the file is none of text.
+std::string Quoted(absl::string_view field) {
+  constexpr size_t kMost = 40;
+  return absl::StrCat("'", absl::CHexEscape(field.substr(0, kMost)), field.size() > kMost ? "…'" : "'");
+}
+
+bool IsControl(char c) { return static_cast<unsigned char>(c) < 0x20 && c != '\t' && c != '\r' && c != '\n'; }
+bool IsBeyondAscii(char c) { return static_cast<unsigned char>(c) > 0x7e; }
+
 // Lines of a file, through a buffer of fixed size.
 class LineReader {
  public:
@@ -39,6 +50,7 @@ class LineReader {
       const absl::string_view unread(buffer_.data() + begin_, end_ - begin_);
       const size_t length = unread.find('\n');
       if (length > kMaxLineBytes && (length != unread.npos || unread.size() > kMaxLineBytes)) {
+        line_ = unread;
         return Error(absl::StrCat("is longer than ", kMaxLineBytes, " bytes"));
       }
       if (length != unread.npos || (ended_ && !unread.empty())) {
@@ -46,6 +58,7 @@ class LineReader {
         begin_ += line.size() + (length != unread.npos ? 1 : 0);
         absl::ConsumeSuffix(&line, "\r");
         if (number_ == 1) absl::ConsumePrefix(&line, kByteOrderMark);
+        line_ = line;
         return line;
       }
       if (ended_) return std::nullopt;
@@ -62,16 +75,24 @@ class LineReader {
 
   // An error in the line that Next() returned last.
   absl::Status Error(absl::string_view what) const {
-    return LocalError(absl::StrCat(file_.name(), ": line ", number_, ": ", what));
+    return LocalError(absl::StrCat(file_.name(), ": line ", number_, ": ", what,
+                                   LooksBinary() ? "; is it binary? see --rays-format" : ""));
   }
 
  private:
+  // Letters beyond ASCII in later lines are a slip in a file of text.
+  bool LooksBinary() const {
+    return std::any_of(line_.begin(), line_.end(), IsControl) ||
+           (number_ == 1 && std::any_of(line_.begin(), line_.end(), IsBeyondAscii));
+  }
+
   InputFile file_;
   std::vector<char> buffer_;
   size_t begin_ = 0;
   size_t end_ = 0;
   bool ended_ = false;
   uint64_t number_ = 0;
+  absl::string_view line_;  // as for Next(), or the part that is read of one that is too long
 };
 
 // The whole of `text` as a number; a leading '+', "inf" and "nan" are taken, numbers too large for a double are not.
@@ -148,8 +169,8 @@ class CsvRayReader : public RayReader {
     for (const absl::string_view field : fields_) {
       const size_t column = std::find(kColumns.begin(), kColumns.end(), field) - kColumns.begin();
       if (column == kColumns.size()) {
-        return lines_.Error(
-            absl::StrCat("'", field, "' is neither a number nor a column; columns are ", absl::StrJoin(kColumns, ",")));
+        return lines_.Error(absl::StrCat(Quoted(field), " is neither a number nor a column; columns are ",
+                                         absl::StrJoin(kColumns, ",")));
       }
       if (std::exchange(seen[column], true)) return lines_.Error(absl::StrCat("column ", field, " stands twice"));
       column_of_field_.push_back(column);
@@ -172,7 +193,7 @@ class CsvRayReader : public RayReader {
       const std::optional<double> value = ParseNumber(fields_[i]);
       const bool allowed = value && (column < kRequiredColumns ? std::isfinite(*value) : !std::isnan(*value));
       if (!allowed) {
-        return lines_.Error(absl::StrCat("column ", kColumns[column], ": '", fields_[i], "' is not a ",
+        return lines_.Error(absl::StrCat("column ", kColumns[column], ": ", Quoted(fields_[i]), " is not a ",
                                          column < kRequiredColumns ? "finite number" : "number"));
       }
       ray[column] = *value;

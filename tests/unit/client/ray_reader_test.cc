@@ -12,7 +12,9 @@
 namespace deltaray {
 namespace {
 
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 constexpr double kInfiniteDouble = std::numeric_limits<double>::infinity();
 
@@ -107,6 +109,23 @@ TEST(CsvRayReaderTest, RefusesBadHeaders) {
   EXPECT_THAT(CsvError("ox,oy,oz,dx,dy,dy\n"), HasSubstr("column dy stands twice"));
   EXPECT_THAT(CsvError("ox,oy,oz,dx,dy\n"), HasSubstr("column dz is missing"));
   EXPECT_THAT(CsvError("ox,oy,oz,dx,dy,dz,t_max\n"), HasSubstr("column t_min is missing"));
+}
+
+// Raw rays without --rays-format put their bytes on the terminal.
+TEST(CsvRayReaderTest, ErrorsArePrintableAndTellOfBinaryFiles) {
+  const std::string hint = "; is it binary? see --rays-format";
+  const std::string zero(1, '\0');
+  EXPECT_EQ(CsvError("\xC0\x3F" + zero + "\x1B,\n"),
+            "standard input: line 1: '\\xc0?\\x00\\x1b' is neither a number nor " +
+                ("a column; columns are ox,oy,oz,dx,dy,dz,t_min,t_max" + hint));
+  EXPECT_THAT(CsvError(std::string(1 << 16, '\0')), HasSubstr("is longer than 4095 bytes" + hint));
+  EXPECT_THAT(CsvError("1,2,3,4,5,6\n1,2,3,4,5,\1\n"), HasSubstr("'\\x01' is not a finite number" + hint));
+  EXPECT_THAT(CsvError("x\xFFy\n"), HasSubstr("'x\\xffy' is neither"));
+  const std::string row(4000, 'x');
+  EXPECT_THAT(CsvError(row + "\n"), HasSubstr("line 1: '" + row.substr(0, 40) + "…' is neither"));
+  // Text: a tab, the end of a line of Windows, a byte order mark, a minus that is none.
+  EXPECT_THAT(CsvError("\xEF\xBB\xBFo\tx\r\n"), Not(HasSubstr(hint)));
+  EXPECT_THAT(CsvError("1,2,3,4,5,6\n1,2,3,4,5,\u22126\n"), EndsWith("'\\xe2\\x88\\x92\\x36' is not a finite number"));
 }
 
 TEST(CsvRayReaderTest, RefusesEndlessLines) {
