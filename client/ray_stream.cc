@@ -8,6 +8,7 @@
 #include <thread>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/exit_code.h"
 #include "client/retry.h"
@@ -146,6 +147,7 @@ absl::Status BadReply(uint64_t batch, absl::string_view what) {
 struct Answers {
   TakeHits take;
   uint64_t count = 0;
+  uint64_t rays = 0;         // in them
   std::string mesh_id = {};  // that they are for; empty before the first one
 };
 
@@ -165,6 +167,7 @@ absl::Status ReceiveHits(Stream& stream, Window& window, Retry& retry, Answers& 
     absl::Status status = answers.take(response.hits());
     if (!status.ok()) return status;
     ++answers.count;
+    answers.rays += sent;
     retry.Succeeded();
   }
   return absl::OkStatus();
@@ -187,6 +190,15 @@ absl::Status CheckCounts(const grpc::ClientContext& context, const Window& windo
   return LocalError(absl::StrCat("the server counts ", text, " batches, but ", answered_here, " were sent"));
 }
 
+// `status`, with the number in the whole input of the first ray of `batch` where the error is about that one: the
+// server tells the ray in its batch, and the batch in its stream.
+grpc::Status WithFirstRay(const grpc::Status& status, uint64_t batch, uint64_t ray) {
+  const std::string prefix = absl::StrCat("batch ", batch, ": ");
+  if (status.ok() || !absl::StartsWith(status.error_message(), prefix)) return status;
+  return {status.error_code(), absl::StrCat(status.error_message(), "; batch ", batch, " begins with ray ", ray,
+                                            " of the whole input, all counted from 0")};
+}
+
 // Runs one StreamRays RPC, for the batches that are not yet answered. True: it was lost, and is to be resumed.
 absl::StatusOr<bool> RunStream(Connection& connection, absl::string_view key, const v1::StreamStart& start,
                                Window& window, Retry& retry, Answers& answers) {
@@ -201,7 +213,9 @@ absl::StatusOr<bool> RunStream(Connection& connection, absl::string_view key, co
   if (!receive_status.ok()) context.TryCancel();
   const bool interrupted = connection.stop().fired();
   window.StopSending();
-  const grpc::Status rpc_status = WithRequestId(stream->Finish(), context);
+  // The server fails at the first batch that it does not answer.
+  const grpc::Status failure = WithFirstRay(stream->Finish(), answers.count - answered_before, answers.rays);
+  const grpc::Status rpc_status = WithRequestId(failure, context);
   sender.join();
 
   if (!receive_status.ok()) return receive_status;

@@ -31,6 +31,8 @@ using TakeHits = absl::FunctionRef<absl::Status(const v1::HitBatch&)>;
 // is left behind. Checks what the server answers against what was asked: batch numbers, ray counts, the mesh, that all
 // batches are answered, and the trailing metadata `deltaray-batches`.
 //
+// Where the server refuses a batch, the error also tells which ray of the whole input the batch begins with.
+//
 // A stream that is lost with its server is resumed, by the rules of Retry: a new RPC begins with the first batch that
 // is not answered, for the mesh id of the answers so far. Each batch is answered once, in order, all of one mesh.
 absl::Status StreamBatches(Connection& connection, const v1::StreamStart& start, NextBatch next, TakeHits take);

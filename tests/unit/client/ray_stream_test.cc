@@ -91,6 +91,14 @@ TEST_F(RayStreamTest, ReturnsTheServersErrorInMidStream) {
   EXPECT_EQ(status.message(), "ray 3 is bad");
 }
 
+TEST_F(RayStreamTest, TellsWhichRayOfTheInputARefusedBatchBeginsWith) {
+  server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, "batch 7: rays.rays: ray 1: bad");
+  server_.behaviour.fail_at_batch = 7;
+  // 1 + 2 + 3 + 4 + 5 + 1 + 2 rays before it.
+  EXPECT_EQ(Stream(20).message(),
+            "batch 7: rays.rays: ray 1: bad; batch 7 begins with ray 18 of the whole input, all counted from 0");
+}
+
 // The server ends while the sender waits for input that never comes.
 TEST_F(RayStreamTest, ServersErrorWakesASenderThatWaitsForInput) {
   server_.behaviour.stream_status = grpc::Status(grpc::StatusCode::UNAVAILABLE, "draining");
