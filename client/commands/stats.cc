@@ -1,6 +1,7 @@
 #include <memory>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/message_text.h"
@@ -22,7 +23,10 @@ absl::Status Stats(const StatsOptions& options, const Session& session) {
   request.set_mesh(options.mesh);
   v1::GetBuildStatsResponse response;
   absl::Status status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
-    return connection->meshes().GetBuildStats(context, request, &response);
+    const grpc::Status answer = connection->meshes().GetBuildStats(context, request, &response);
+    if (answer.error_code() != grpc::StatusCode::FAILED_PRECONDITION) return answer;
+    return grpc::Status(answer.error_code(),
+                        absl::StrCat(answer.error_message(), "; to have one built: deltaray watch ", request.mesh()));
   });
   if (!status.ok()) return status;
   switch (options.format) {
