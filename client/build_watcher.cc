@@ -18,7 +18,7 @@ absl::Status WatchBuild(Connection& connection, const Session& session, const st
   request.set_mesh(mesh);
   ProgressBar bar(session.messages, session.show_progress);
   v1::WatchBuildResponse response;
-  Retry retry(session);
+  Retry retry(connection);
   grpc::Status rpc_status;
   do {
     grpc::ClientContext context;

@@ -1,5 +1,6 @@
 #include "client/connection.h"
 
+#include <algorithm>
 #include <chrono>
 #include <optional>
 #include <string>
@@ -27,7 +28,7 @@ constexpr int kKeepaliveTimeoutMs = 20'000;
 constexpr int kReconnectMs = 100;
 constexpr int kLongestReconnectMs = 1000;
 
-// How long a stop of the program may go unnoticed while connecting.
+// How long a stop of the program may go unnoticed while connecting or waiting.
 constexpr std::chrono::milliseconds kPollInterval(100);
 
 std::chrono::system_clock::time_point After(double seconds) {
@@ -65,6 +66,7 @@ std::string MetadataText(absl::string_view mesh) {
 Connection::Connection(const Session& session, std::string token, std::shared_ptr<grpc::Channel> channel)
     : session_(&session),
       token_(std::move(token)),
+      channel_(channel),
       meshes_(v1::MeshService::NewStub(channel)),
       rays_(v1::RayService::NewStub(channel)),
       health_(grpc::health::v1::Health::NewStub(channel)) {}
@@ -133,10 +135,20 @@ absl::Status Connection::CallOnce(absl::string_view mesh, absl::FunctionRef<grpc
 }
 
 absl::Status Connection::CallAgain(absl::string_view mesh, absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) {
-  Retry retry(*session_);
+  Retry retry(*this);
   while (true) {
     const grpc::Status status = Call(mesh, call);
     if (!retry.Again(status)) return Result(status);
+  }
+}
+
+void Connection::Wait(std::chrono::milliseconds time) const {
+  const auto end = std::chrono::system_clock::now() + time;
+  while (!session_->stop.fired()) {
+    const auto now = std::chrono::system_clock::now();
+    if (now >= end) return;
+    const grpc_connectivity_state state = channel_->GetState(/*try_to_connect=*/true);
+    channel_->WaitForStateChange(state, std::min(end, now + kPollInterval));
   }
 }
 

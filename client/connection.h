@@ -3,6 +3,7 @@
 #ifndef CLIENT_CONNECTION_H_
 #define CLIENT_CONNECTION_H_
 
+#include <chrono>
 #include <memory>
 #include <string>
 
@@ -14,6 +15,7 @@
 #include "deltaray/v1/mesh_service.grpc.pb.h"
 #include "deltaray/v1/ray_service.grpc.pb.h"
 #include "grpc/health/v1/health.grpc.pb.h"
+#include "grpcpp/channel.h"
 #include "grpcpp/client_context.h"
 
 namespace deltaray {
@@ -44,6 +46,10 @@ class Connection {
   // %XX in place of bytes that are not printable ASCII.
   void Prepare(absl::string_view mesh, grpc::ClientContext* context) const;
 
+  // Waits for as long, or until the program is stopped, and meanwhile connects anew where the connection is lost: while
+  // no call is under way, gRPC by itself looks only every 5 s at what has become of it.
+  void Wait(std::chrono::milliseconds time) const;
+
   // What an RPC of this connection ended with; Interrupted() where it was our own stop that cancelled it.
   absl::Status Result(const grpc::Status& status);
 
@@ -54,6 +60,7 @@ class Connection {
 
   const Session* session_;
   std::string token_;
+  std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::MeshService::Stub> meshes_;
   std::unique_ptr<v1::RayService::Stub> rays_;
   std::unique_ptr<grpc::health::v1::Health::Stub> health_;

@@ -235,7 +235,7 @@ absl::StatusOr<bool> RunStream(Connection& connection, absl::string_view key, co
 absl::Status StreamBatches(Connection& connection, const v1::StreamStart& start, NextBatch next, TakeHits take) {
   Window window;
   std::thread reader([&] { window.EndInput(ReadBatches(window, next)); });
-  Retry retry(connection.session());
+  Retry retry(connection);
   Answers answers{take};
   v1::StreamStart from_here = start;
   absl::StatusOr<bool> lost = true;

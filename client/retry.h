@@ -6,20 +6,20 @@
 #include <chrono>
 #include <random>
 
-#include "absl/status/status.h"
-#include "client/session.h"
+#include "client/connection.h"
 #include "grpcpp/support/status.h"
 
 namespace deltaray {
 
 // Whether an RPC that ended like this ended because the server, or the way to it, was lost: the same call may succeed
-// at another server, or at this one once it is back.
+// at another server, or at this one once it is back. Where the program is stopped, its own calls end like this, too.
 bool IsLoss(const grpc::Status& status);
 
 // The tries of one thing to do. They end retry_seconds after the first loss since the last success.
 class Retry {
  public:
-  explicit Retry(const Session& session) : session_(session) {}
+  // The connection must outlive this.
+  explicit Retry(const Connection& connection) : connection_(connection) {}
 
   // A try got an answer.
   void Succeeded() { losses_ = 0; }
@@ -28,7 +28,7 @@ class Retry {
   bool Again(const grpc::Status& status);
 
  private:
-  const Session& session_;
+  const Connection& connection_;
   int losses_ = 0;  // since the last success
   std::chrono::steady_clock::time_point first_loss_;
   std::minstd_rand random_{std::random_device{}()};

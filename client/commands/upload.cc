@@ -78,7 +78,7 @@ absl::Status SendFile(Connection& connection, const Session& session, InputFile&
                       v1::UploadMeshResponse* response) {
   // The same mesh twice is one mesh. A name, though, would be taken from who got it in between.
   const bool repeatable = file.size().has_value() && header.name().empty();
-  Retry retry(session);
+  Retry retry(connection);
   while (true) {
     grpc::Status rpc_status;
     absl::Status status = SendOnce(connection, session, file, header, response, &rpc_status);

@@ -33,10 +33,10 @@ need_file() {
   [ -e "$1" ] || { echo "SKIPPED: $1 is missing; it comes with the package $2"; exit 77; }
 }
 
-# start_server: returns once the server listens. Sets $server (process) and $address.
+# start_server [ADDRESS]: returns once the server listens, at any port where not told. Sets $server (process) and $address.
 start_server() {
   rm -f "$scratch/port"
-  "${launcher[@]}" "$bin/deltarayd" --listen 127.0.0.1:0 --port-file "$scratch/port" --data-dir "$data" >>"$scratch/server.log" 2>&1 &
+  "${launcher[@]}" "$bin/deltarayd" --listen "${1:-127.0.0.1:0}" --port-file "$scratch/port" --data-dir "$data" >>"$scratch/server.log" 2>&1 &
   server=$!
   local i
   for i in $(seq 600); do

@@ -421,7 +421,10 @@ class FakeServer {
     address_ = "127.0.0.1:" + std::to_string(port);
   }
 
-  ~FakeServer() { server_->Shutdown(); }
+  ~FakeServer() { Stop(); }
+
+  // From here on nobody listens.
+  void Stop() { server_->Shutdown(); }
 
   const std::string& address() const { return address_; }
 
