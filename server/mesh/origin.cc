@@ -19,6 +19,18 @@ double Rounding(double given, double origin, float stored) {
   return std::abs((stored - difference) - lost);
 }
 
+// Whether float32 holds the vertices of faces, relative to `origin`, as exactly as it holds them relative to zero.
+bool StaysExact(const PolygonMesh& mesh, const Vec3d& origin) {
+  for (const uint32_t corner : mesh.corners) {
+    const Vec3d& v = mesh.vertices[corner];
+    const Vec3f stored = static_cast<Vec3f>(v - origin);
+    for (int axis = 0; axis < 3; ++axis) {
+      if (Rounding(v[axis], origin[axis], stored[axis]) != 0) return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 Vec3d ChooseOrigin(const PolygonMesh& mesh) {
@@ -33,7 +45,6 @@ Vec3d ChooseOrigin(const PolygonMesh& mesh) {
       max[axis] = std::max(max[axis], v[axis]);
     }
   }
-  if (exact) return {};
   double extent = 0, farthest = 0;
   for (int axis = 0; axis < 3; ++axis) {
     extent = std::max(extent, max[axis] - min[axis]);
@@ -52,7 +63,7 @@ Vec3d ChooseOrigin(const PolygonMesh& mesh) {
   for (const Vec3d& v : mesh.vertices) {
     if (!IsFinite(static_cast<Vec3f>(v - origin))) return {};
   }
-  return origin;
+  return !exact || StaysExact(mesh, origin) ? origin : Vec3d{};
 }
 
 StoredPositions StorePositions(const std::vector<Vec3d>& vertices, const Vec3d& origin) {

@@ -11,12 +11,13 @@ namespace deltaray {
 
 // The point that the stored positions are relative to.
 //
-// It is zero where that costs nothing worth having: where all coordinates are exact in float32, or where the mesh is
-// not far from zero: no coordinate is more than 16 times the mesh's extent away (its widest axis), so that rounding to
-// float32 moves no vertex by more than 2^-20 of the extent. Ordinary files are of that kind, though 0.1 is not exact.
-// Else, it is the centre of the bounds, each coordinate rounded to a multiple of the least power of two that is not
-// below the extent. So few bits keep the subtraction from rounding in all but odd cases, and leave an axis that is near
-// zero at zero. Only vertices that a face uses count.
+// It is zero where the mesh is not far from zero: no coordinate is more than 16 times the mesh's extent away (its
+// widest axis), so that rounding to float32 moves no vertex by more than 2^-20 of the extent. Ordinary files are of
+// that kind, though 0.1 is not exact. Else, it is the centre of the bounds, each coordinate rounded to a multiple of
+// the least power of two that is not below the extent. So few bits keep the subtraction from rounding in all but odd
+// cases, and leave an axis that is near zero at zero. A mesh that float32 holds exactly gets it, too, as rays in
+// float64 would be rounded as coarsely as its coordinates are spaced otherwise; but not where it would no longer be
+// exact. Only vertices that a face uses count.
 Vec3d ChooseOrigin(const PolygonMesh& mesh);
 
 struct StoredPositions {

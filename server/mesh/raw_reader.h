@@ -10,7 +10,7 @@
 
 namespace deltaray {
 
-// Reads arrays laid out as options.raw says. float32 positions keep their values, with an origin of zero.
+// Reads arrays laid out as options.raw says. float32 positions keep their values.
 absl::StatusOr<ReadMeshResult> ReadRaw(std::span<const char> bytes, const ReadMeshOptions& options);
 
 }  // namespace deltaray

@@ -55,9 +55,10 @@ struct ReadMeshResult {
 // or where memory does not suffice; CANCELLED. Thread-safe.
 //
 // Coordinates are read as float64, rounded right, and have to be in the range of float32. Stored are float32 relative
-// to an origin. It is zero where all coordinates are exact in float32, or none is farther from zero than 16 times the
-// mesh's extent: then rounding moves no vertex by more than 2^-20 of the extent. Else it is near the mesh's centre, a
-// multiple of a power of two in each coordinate. float32 arrays keep their values in any case, and -0 becomes +0.
+// to an origin. It is zero where no coordinate is farther from zero than 16 times the mesh's extent: then rounding
+// moves no vertex by more than 2^-20 of the extent. Else it is near the mesh's centre, a multiple of a power of two in
+// each coordinate, or zero where float32 holds all vertices exactly, but would not relative to that centre. So what is
+// exact in float32 keeps its value in any case; -0 becomes +0.
 absl::StatusOr<ReadMeshResult> ReadMesh(std::span<const char> bytes, const ReadMeshOptions& options);
 
 }  // namespace deltaray

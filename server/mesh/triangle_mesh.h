@@ -29,8 +29,8 @@ struct TriangleMesh {
   std::vector<Vec3f> positions;
   // Corners of the triangles, in the order of the file's faces. The index here is the primitive id.
   std::vector<std::array<uint32_t, 3>> indices;
-  // The point of the file's coordinates that positions are relative to. Zero where all vertices fit float32 exactly,
-  // and where the mesh is not far from zero for its size (see origin.h); else near the centre of the mesh.
+  // The point of the file's coordinates that positions are relative to. Zero where the mesh is not far from zero for
+  // its size (see origin.h); else near the centre of the mesh.
   Vec3d origin;
   // Per triangle: the face (polygon) of the file that it came from. Empty: triangle i came from face i.
   std::vector<uint32_t> face_ids;

@@ -20,8 +20,17 @@ PolygonMesh AllUsed(std::vector<Vec3d> vertices) {
 
 constexpr Vec3d kZero;
 
-TEST(OriginTest, ZeroWhereFloatIsExact) {
-  EXPECT_EQ(ChooseOrigin(AllUsed({{500000.5, 5400000.5, 0}, {500001, 5400001, 1}})), kZero);
+TEST(OriginTest, FarMeshesThatFloatHoldsGetAnOriginToo) {
+  const PolygonMesh mesh = AllUsed({{500000, 5400000, 0}, {500100, 5400000, 12.25}, {500100, 5400100, 100}});
+  const Vec3d origin = ChooseOrigin(mesh);
+  EXPECT_EQ(origin, (Vec3d{500096, 5400064, 0}));
+  EXPECT_EQ(StorePositions(mesh.vertices, origin).max_rounding, 0);
+}
+
+TEST(OriginTest, ZeroWhereFloatIsExactOnlyThere) {
+  // 1e6, 1, 0 would be near the centre; 0.1f - 1 is no float.
+  EXPECT_EQ(ChooseOrigin(AllUsed({{1e6, 0.1f, 0}, {1e6 + 1, 1, 0}, {1e6, 0.5, 0.25}})), kZero);
+  EXPECT_EQ(ChooseOrigin(AllUsed({{1e6, 0.125, 0}, {1e6 + 1, 1, 0}, {1e6, 0.5, 0.25}})), (Vec3d{1e6, 1, 0}));
 }
 
 TEST(OriginTest, ZeroForOrdinaryFilesThatAreNotExact) {
