@@ -8,20 +8,34 @@
 #include <initializer_list>
 #include <type_traits>
 
+#include "server/geometry/fixed_integer.h"
+
 namespace deltaray {
 namespace {
 
 namespace mp = boost::multiprecision;
 
 // A float32 is an integer of at most 277 bits times 2^-149, so that a difference has 278, det 836, T 837; the widest
-// value, T of one triangle times det of another, shifted by at most 276, has 1949. In place: no allocation.
+// value, T of one triangle times det of another, has 1673. In place: no allocation.
 using Integer = mp::number<mp::cpp_int_backend<2048, 2048, mp::signed_magnitude, mp::unchecked, void>,
                            mp::expression_template_option::et_off>;
 
-// Where points and direction take at most kNarrowBits bits each, as they do but in scenes of many magnitudes, T has at
-// most 3 * kNarrowBits + 6 bits, and det, U and V no more.
+// What all but scenes of many magnitudes need.
 using Narrow = boost::int128_type;
-constexpr int kNarrowBits = 40;
+
+Integer ToInteger(const Integer& a) { return a; }
+Integer ToInteger(Narrow a) { return Integer(a); }
+template <int N>
+Integer ToInteger(const FixedInteger<N>& a) {
+  const FixedInteger<N> magnitude = a.IsNegative() ? -a : a;
+  Integer integer;
+  static_assert(sizeof(*integer.backend().limbs()) == sizeof(uint64_t));
+  integer.backend().resize(N, N);
+  std::ranges::copy(magnitude.words(), integer.backend().limbs());
+  integer.backend().normalize();
+  if (a.IsNegative()) integer.backend().negate();
+  return integer;
+}
 
 // A finite float as mantissa * 2^exponent, the mantissa odd or 0.
 struct Parts {
@@ -60,7 +74,7 @@ struct Exponents {
     }
   }
 
-  bool AreNarrow() const { return end - least <= kNarrowBits; }
+  int Bits() const { return end - least; }
 };
 
 template <typename Int>
@@ -69,8 +83,10 @@ Int Scaled(float x, int exponent) {
   if (parts.mantissa == 0) return 0;
   if constexpr (std::is_same_v<Int, Narrow>) {
     return Int{parts.mantissa} * (Int{1} << (parts.exponent - exponent));
-  } else {
+  } else if constexpr (std::is_same_v<Int, Integer>) {
     return Int(parts.mantissa) << (parts.exponent - exponent);
+  } else {
+    return Int::Shifted(parts.mantissa, parts.exponent - exponent);
   }
 }
 
@@ -109,49 +125,61 @@ struct Quantities {
   bool IsInside() const { return det != 0 && u >= 0 && v >= 0 && u + v <= det; }
 };
 
-// T and det alone, with which t can be compared.
-struct ExactT {
-  Integer t, det;  // t / det * 2^exponent; det > 0
-  int exponent;
+// The sign of `a` - 0.
+template <typename Int>
+int Sign(const Int& a) {
+  return (a > 0) - (a < 0);
+}
 
-  // The sign of this - end. REQUIRES: `end` is finite.
-  int Compare(float end) const {
-    const Parts parts(end);
-    return Compare(t, exponent, det * parts.mantissa, parts.exponent);
-  }
-  // The sign of this - other.
-  int Compare(const ExactT& other) const { return Compare(t * other.det, exponent, other.t * det, other.exponent); }
+// Calls with(type_identity<Int>), Int the narrowest integers that Quantities can be of where points and direction have
+// so many bits.
+template <typename With>
+auto WithIntegers(const Exponents& position, const Exponents& direction, With&& with) {
+  // Of the largest of det, T, U, V and U + V, without its sign; see README.md.
+  const int bits = 2 * position.Bits() + std::max(position.Bits(), direction.Bits()) + 6;
+  if (bits < 128) return with(std::type_identity<Narrow>());
+  if (bits < 256) return with(std::type_identity<FixedInteger<4>>());
+  if (bits < 512) return with(std::type_identity<FixedInteger<8>>());
+  return with(std::type_identity<Integer>());
+}
 
- private:
-  // The sign of a * 2^a_exponent - b * 2^b_exponent.
-  static int Compare(Integer a, int a_exponent, Integer b, int b_exponent) {
-    const int signs = (a > 0) - (a < 0) - ((b > 0) - (b < 0));
-    if (signs != 0 || a.is_zero()) return signs;
-    // Only one side is shifted, and by no more than the other one's exponent is greater.
-    if (a_exponent > b_exponent) {
-      a <<= a_exponent - b_exponent;
-    } else {
-      b <<= b_exponent - a_exponent;
-    }
-    return (a > b) - (a < b);
-  }
-};
-
-// Calls with(quantities, t_exponent), with the narrowest integers that will do.
+// Calls with(quantities, t_exponent).
 template <typename With>
 auto WithQuantities(const Ray& ray, const Triangle& triangle, With&& with) {
   const Exponents position({triangle.v0, triangle.v1, triangle.v2, ray.origin}), direction({ray.direction});
-  const int t_exponent = position.least - direction.least;
-  if (position.AreNarrow() && direction.AreNarrow()) {
-    return with(Quantities<Narrow>(ray, triangle, position.least, direction.least), t_exponent);
-  }
-  return with(Quantities<Integer>(ray, triangle, position.least, direction.least), t_exponent);
+  return WithIntegers(position, direction, [&]<typename Int>(std::type_identity<Int>) {
+    return with(Quantities<Int>(ray, triangle, position.least, direction.least), position.least - direction.least);
+  });
 }
 
-ExactT MakeExactT(const Ray& ray, const Triangle& triangle) {
-  return WithQuantities(ray, triangle, [](const auto& exact, int t_exponent) {
-    return ExactT{Integer(exact.t), Integer(exact.det), t_exponent};
-  });
+// The sign of T / det * 2^t_exponent - end.
+template <typename Int>
+int CompareT(const Quantities<Int>& exact, int t_exponent, float end) {
+  if (std::isinf(end)) return end > 0 ? -1 : 1;
+  const Parts parts(end);
+  if (Sign(exact.t) != Sign(parts.mantissa) || parts.mantissa == 0) return Sign(exact.t) - Sign(parts.mantissa);
+  Integer a = ToInteger(exact.t), b = ToInteger(exact.det) * parts.mantissa;
+  // Only one side is shifted, and by no more than the other one's exponent is greater.
+  if (t_exponent > parts.exponent) {
+    a <<= t_exponent - parts.exponent;
+  } else {
+    b <<= parts.exponent - t_exponent;
+  }
+  return (a > b) - (a < b);
+}
+
+// Products of two, without overflow.
+Integer Product(const Integer& a, const Integer& b) { return a * b; }
+FixedInteger<4> Product(Narrow a, Narrow b) { return FixedInteger<4>(a) * FixedInteger<4>(b); }
+template <int N>
+FixedInteger<2 * N> Product(const FixedInteger<N>& a, const FixedInteger<N>& b) {
+  return FixedInteger<2 * N>(a) * FixedInteger<2 * N>(b);
+}
+
+// Whether both have the same corners, in any order. REQUIRES: those of each differ.
+bool HaveSameCorners(const Triangle& a, const Triangle& b) {
+  const auto is_of_b = [&b](Vec3f corner) { return corner == b.v0 || corner == b.v1 || corner == b.v2; };
+  return is_of_b(a.v0) && is_of_b(a.v1) && is_of_b(a.v2);
 }
 
 // Whether both triangles lie in one plane of constant x, y or z, as floors and the bottoms of what stands on them do:
@@ -214,6 +242,10 @@ struct RoundedToOdd {
 double Quotient(Narrow numerator, Narrow denominator, int scale) {
   return std::ldexp(static_cast<double>(numerator) / static_cast<double>(denominator), scale);
 }
+template <int N>
+double Quotient(const FixedInteger<N>& numerator, const FixedInteger<N>& denominator, int scale) {
+  return std::ldexp(numerator.ToDouble() / denominator.ToDouble(), scale);
+}
 double Quotient(const Integer& numerator, const Integer& denominator, int scale) {
   return RoundedToOdd(numerator, denominator, scale).ToDouble();
 }
@@ -237,9 +269,7 @@ bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling
   return WithQuantities(ray, triangle, [&](const auto& exact, int t_exponent) {
     if (!exact.IsInside()) return false;
     if (culling == (exact.back ? Culling::kBack : Culling::kFront)) return false;
-    const ExactT t{Integer(exact.t), Integer(exact.det), t_exponent};
-    if (std::isinf(ray.t_min) ? ray.t_min > 0 : t.Compare(ray.t_min) < 0) return false;
-    if (std::isinf(ray.t_max) ? ray.t_max < 0 : t.Compare(ray.t_max) > 0) return false;
+    if (CompareT(exact, t_exponent, ray.t_min) < 0 || CompareT(exact, t_exponent, ray.t_max) > 0) return false;
 
     // The quotients' own error, and the rounding of adding it.
     constexpr double kError = 0x1p-49;
@@ -255,20 +285,26 @@ bool ExactTestTriangle(const Ray& ray, const Triangle& triangle, Culling culling
 }
 
 int ExactCompareT(const Ray& ray, const Triangle& a, const Triangle& b) {
-  // Scenes with many copies of a triangle compare all of them at every hit.
-  if (a.v0 == b.v0 && a.v1 == b.v1 && a.v2 == b.v2) return 0;
+  // Scenes with many copies of triangles, or with both sides of each, compare them at every hit.
+  if (HaveSameCorners(a, b)) return 0;
   if (ShareAxisParallelPlane(a, b)) return 0;
   ++exact_decisions;
-  return MakeExactT(ray, a).Compare(MakeExactT(ray, b));
+  const Exponents position({a.v0, a.v1, a.v2, b.v0, b.v1, b.v2, ray.origin}), direction({ray.direction});
+  return WithIntegers(position, direction, [&]<typename Int>(std::type_identity<Int>) {
+    const Quantities<Int> of_a(ray, a, position.least, direction.least);
+    const Quantities<Int> of_b(ray, b, position.least, direction.least);
+    const auto left = Product(of_a.t, of_b.det), right = Product(of_b.t, of_a.det);
+    return (left > right) - (left < right);
+  });
 }
 
 void ExactRound(const Ray& ray, const Triangle& triangle, float* t, float* u, float* v) {
   ++exact_decisions;
   WithQuantities(ray, triangle, [&](const auto& exact, int t_exponent) {
-    const Integer det(exact.det);
-    *t = RoundedToOdd(Integer(exact.t), det, t_exponent).ToFloat();
-    *u = RoundedToOdd(Integer(exact.u), det, 0).ToFloat();
-    *v = RoundedToOdd(Integer(exact.v), det, 0).ToFloat();
+    const Integer det = ToInteger(exact.det);
+    *t = RoundedToOdd(ToInteger(exact.t), det, t_exponent).ToFloat();
+    *u = RoundedToOdd(ToInteger(exact.u), det, 0).ToFloat();
+    *v = RoundedToOdd(ToInteger(exact.v), det, 0).ToFloat();
   });
 }
 

@@ -51,6 +51,16 @@ Triangle InBoxTriangle(Random& random, double size) {
   return {a, b, c};
 }
 
+// Magnitudes up to 2^spread times each other, of which each exponent is as likely as another.
+Vec3f Spread(Random& random, double spread) {
+  const auto one = [&] {
+    const auto x = static_cast<float>(std::exp2(spread * (random.Uniform() - 0.5)));
+    return random.Below(2) == 0 ? x : -x;
+  };
+  const float x = one(), y = one(), z = one();
+  return {x, y, z};
+}
+
 // A point of the triangle, rounded: a corner, on an edge or inside, one as likely as another.
 Vec3d PointOf(Random& random, const Triangle& triangle) {
   const uint32_t kind = random.Below(3);
@@ -137,6 +147,21 @@ const Family kFamilies[] = {
      [](Random& random) {
        const Triangle triangle{AnyVector(random), AnyVector(random), AnyVector(random)};
        return Case{{.origin = AnyVector(random), .direction = AnyVector(random)}, triangle};
+     }},
+    // Every size of integers is needed for the exact arithmetic.
+    {"spread",
+     [](Random& random) {
+       const double spread = random.Uniform() * 220;
+       const Triangle triangle{Spread(random, spread), Spread(random, spread), Spread(random, spread)};
+       return Case{Aimed(random, triangle, Spread(random, spread)), triangle};
+     }},
+    // Likewise, and the integers are as large as they can be.
+    {"one tiny coordinate",
+     [](Random& random) {
+       const double size = std::exp2(60 * random.Uniform());
+       Triangle triangle = InBoxTriangle(random, size);
+       triangle.v0[static_cast<int>(random.Below(3))] *= static_cast<float>(std::exp2(-190 * random.Uniform()));
+       return Case{Aimed(random, triangle, InBox(random, size)), triangle};
      }},
     {"axis-parallel",
      [](Random& random) {
@@ -233,6 +258,7 @@ TEST(TriangleTestTest, BeforeAgreesWithRationals) {
       if (i % 4 == 0) other.v1 = family.make(random).triangle.v1;
       if (i % 4 == 1) other.v0 = family.make(random).triangle.v0;
       if (i % 4 == 2) std::swap(other.v0, other.v2);
+      if (i % 8 == 3) other.v2 = family.make(random).triangle.v2;
       if (i % 8 == 4) {
         const int axis = i / 8 % 3;
         for (Vec3f* corner : {&c.triangle.v1, &c.triangle.v2, &other.v1, &other.v2}) {
