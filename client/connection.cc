@@ -143,18 +143,19 @@ absl::Status Connection::CallAgain(absl::string_view mesh, absl::FunctionRef<grp
 }
 
 void Connection::Wait(std::chrono::milliseconds time) const {
-  const auto end = std::chrono::system_clock::now() + time;
+  const auto end = std::chrono::steady_clock::now() + time;
   while (!session_->stop.fired()) {
-    const auto now = std::chrono::system_clock::now();
-    if (now >= end) return;
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
+    if (left.count() <= 0) return;
     const grpc_connectivity_state state = channel_->GetState(/*try_to_connect=*/true);
-    channel_->WaitForStateChange(state, std::min(end, now + kPollInterval));
+    channel_->WaitForStateChange(state, std::chrono::system_clock::now() + std::min(left, kPollInterval));
   }
 }
 
 absl::Status Connection::Result(const grpc::Status& status) {
-  if (status.error_code() == grpc::StatusCode::CANCELLED && stop().fired()) return Interrupted();
-  return FromRpc(status);
+  if (status.error_code() != grpc::StatusCode::CANCELLED) return FromRpc(status);
+  if (stop().fired()) return Interrupted();
+  return FromRpc({grpc::StatusCode::UNAVAILABLE, absl::StrCat("the server ended: ", status.error_message())});
 }
 
 }  // namespace deltaray

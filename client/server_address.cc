@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -34,7 +35,7 @@ bool IsPort(absl::string_view text) {
 }  // namespace
 
 std::string WrongWithServerAddress(absl::string_view address) {
-  for (const char* scheme : {"unix:", "unix-abstract:", "xds:"}) {
+  for (const char* scheme : {"unix:", "unix-abstract:", "xds:", "google-c2p:"}) {
     if (absl::StartsWith(address, scheme)) return "";
   }
   absl::string_view rest = address;
@@ -46,7 +47,8 @@ std::string WrongWithServerAddress(absl::string_view address) {
   }
   // URIs may write the brackets so.
   const std::string decoded = absl::StrReplaceAll(rest, {{"%5B", "["}, {"%5b", "["}, {"%5D", "]"}, {"%5d", "]"}});
-  for (const absl::string_view host_port : absl::StrSplit(decoded, absl::MaxSplits(',', many ? SIZE_MAX : 0))) {
+  for (const absl::string_view host_port :
+       absl::StrSplit(decoded, absl::MaxSplits(',', many ? std::numeric_limits<int>::max() : 0))) {
     const absl::string_view port = PortOf(host_port);
     if (port.data() == nullptr) return absl::StrCat("'", address, "' has no port");
     if (!IsPort(port)) {

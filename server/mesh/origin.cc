@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 
 namespace deltaray {
 namespace {
@@ -19,27 +20,25 @@ double Rounding(double given, double origin, float stored) {
   return std::abs((stored - difference) - lost);
 }
 
-// Whether float32 holds the vertices of faces, relative to `origin`, as exactly as it holds them relative to zero.
-bool StaysExact(const PolygonMesh& mesh, const Vec3d& origin) {
-  for (const uint32_t corner : mesh.corners) {
-    const Vec3d& v = mesh.vertices[corner];
+// Whether float32 holds all vertices, relative to `origin`, as exactly as it holds them relative to zero.
+template <typename T>
+bool StayExact(std::span<const Vec3<T>> vertices, const Vec3d& origin) {
+  return std::ranges::all_of(vertices, [&origin](const Vec3<T>& vertex) {
+    const Vec3d v = static_cast<Vec3d>(vertex);
     const Vec3f stored = static_cast<Vec3f>(v - origin);
     for (int axis = 0; axis < 3; ++axis) {
       if (Rounding(v[axis], origin[axis], stored[axis]) != 0) return false;
     }
-  }
-  return true;
+    return true;
+  });
 }
 
-}  // namespace
-
-Vec3d ChooseOrigin(const PolygonMesh& mesh) {
+template <typename T>
+Vec3d Choose(std::span<const Vec3<T>> vertices, std::span<const uint32_t> corners) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   Vec3d min{kInfinity, kInfinity, kInfinity}, max{-kInfinity, -kInfinity, -kInfinity};
-  bool exact = true;
-  for (const uint32_t corner : mesh.corners) {
-    const Vec3d& v = mesh.vertices[corner];
-    exact = exact && IsExactInFloat(v);
+  for (const uint32_t corner : corners) {
+    const Vec3d v = static_cast<Vec3d>(vertices[corner]);
     for (int axis = 0; axis < 3; ++axis) {
       min[axis] = std::min(min[axis], v[axis]);
       max[axis] = std::max(max[axis], v[axis]);
@@ -60,10 +59,21 @@ Vec3d ChooseOrigin(const PolygonMesh& mesh) {
     origin[axis] = std::nearbyint((min[axis] + max[axis]) / 2 / step) * step + 0.0;
   }
   // A vertex that no face uses may lie anywhere; it must not leave the range either.
-  for (const Vec3d& v : mesh.vertices) {
-    if (!IsFinite(static_cast<Vec3f>(v - origin))) return {};
+  for (const Vec3<T>& v : vertices) {
+    if (!IsFinite(static_cast<Vec3f>(static_cast<Vec3d>(v) - origin))) return {};
   }
-  return !exact || StaysExact(mesh, origin) ? origin : Vec3d{};
+  const bool are_exact =
+      std::ranges::all_of(vertices, [](const Vec3<T>& v) { return IsExactInFloat(static_cast<Vec3d>(v)); });
+  return !are_exact || StayExact(vertices, origin) ? origin : Vec3d{};
+}
+
+}  // namespace
+
+Vec3d ChooseOrigin(const PolygonMesh& mesh) { return Choose<double>(mesh.vertices, mesh.corners); }
+
+Vec3d ChooseOrigin(const TriangleMesh& mesh) {
+  if (mesh.indices.empty()) return {};
+  return Choose<float>(mesh.positions, {mesh.indices.front().data(), 3 * mesh.indices.size()});
 }
 
 StoredPositions StorePositions(const std::vector<Vec3d>& vertices, const Vec3d& origin) {

@@ -15,10 +15,13 @@ namespace deltaray {
 // widest axis), so that rounding to float32 moves no vertex by more than 2^-20 of the extent. Ordinary files are of
 // that kind, though 0.1 is not exact. Else, it is the centre of the bounds, each coordinate rounded to a multiple of
 // the least power of two that is not below the extent. So few bits keep the subtraction from rounding in all but odd
-// cases, and leave an axis that is near zero at zero. A mesh that float32 holds exactly gets it, too, as rays in
-// float64 would be rounded as coarsely as its coordinates are spaced otherwise; but not where it would no longer be
-// exact. Only vertices that a face uses count.
+// cases, and leave an axis that is near zero at zero. Only vertices that a face uses count here.
+//
+// Where float32 holds all vertices exactly, they get it, too, as rays in float64 would be rounded as coarsely as its
+// coordinates are spaced otherwise; but not where it would no longer hold all of them.
 Vec3d ChooseOrigin(const PolygonMesh& mesh);
+// Of a mesh whose positions are relative to zero.
+Vec3d ChooseOrigin(const TriangleMesh& mesh);
 
 struct StoredPositions {
   std::vector<Vec3f> positions;

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/mesh/finish_mesh.h"
 #include "server/mesh/location.h"
+#include "server/mesh/origin.h"
 
 namespace deltaray {
 namespace {
@@ -94,6 +95,8 @@ absl::StatusOr<ReadMeshResult> ReadRaw(std::span<const char> bytes, const ReadMe
     if (absl::Status status = CheckPositions(mesh.positions); !status.ok()) return status;
     for (Vec3f& position : mesh.positions) position = position + Vec3f{0, 0, 0};  // -0 is stored as +0.
     mesh.indices = Take<std::array<uint32_t, 3>>(&bytes, raw.triangle_count);
+    mesh.origin = ChooseOrigin(mesh);
+    for (Vec3f& p : mesh.positions) p = static_cast<Vec3f>(static_cast<Vec3d>(p) - mesh.origin);  // exact
     mesh.face_count = raw.triangle_count;
     result = FinishMesh(std::move(mesh), /*max_rounding=*/0, Warnings(), options.cancelled);
   }

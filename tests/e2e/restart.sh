@@ -21,9 +21,7 @@ for signal in TERM KILL; do
   cast=$!
   exec 3>"$scratch/pipe"
   head -n 200000 "$scratch/rays" >&3
-  kill "-$signal" "$server"
-  wait "$server" || [ "$signal" = KILL ] || fail "the server ended with exit code $? after SIGTERM"
-  server=
+  if [ "$signal" = TERM ]; then stop_server; else crash_server; fi
   tail -n +200001 "$scratch/rays" >&3 &
   rest=$!
   exec 3>&-

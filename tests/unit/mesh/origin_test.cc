@@ -27,6 +27,12 @@ TEST(OriginTest, FarMeshesThatFloatHoldsGetAnOriginToo) {
   EXPECT_EQ(StorePositions(mesh.vertices, origin).max_rounding, 0);
 }
 
+TEST(OriginTest, ZeroWhereFloatWouldNoLongerHoldAVertexThatNoFaceUses) {
+  PolygonMesh mesh = AllUsed({{500000, 5400000, 0}, {500100, 5400000, 12.25}, {500100, 5400100, 100}});
+  mesh.vertices.push_back({0.1f, 0, 0});
+  EXPECT_EQ(ChooseOrigin(mesh), kZero);
+}
+
 TEST(OriginTest, ZeroWhereFloatIsExactOnlyThere) {
   // 1e6, 1, 0 would be near the centre; 0.1f - 1 is no float.
   EXPECT_EQ(ChooseOrigin(AllUsed({{1e6, 0.1f, 0}, {1e6 + 1, 1, 0}, {1e6, 0.5, 0.25}})), kZero);

@@ -48,6 +48,18 @@ TEST(RawReaderTest, FloatsKeepTheirValuesWhereverTheyAre) {
   EXPECT_EQ(result->mesh.face_count, 1u);
 }
 
+TEST(RawReaderTest, FarFloatsGetAnOriginAsFarDoublesDo) {
+  const std::vector<float> floats = {500000, 5400000, 0, 500100, 5400000, 12.25f, 500100, 5400100, 100};
+  const auto result = ReadArrays(Bytes(floats) + kIndices, {3, 1, false});
+  const auto doubles = ReadArrays(Bytes(std::vector<double>(floats.begin(), floats.end())) + kIndices, {3, 1, true});
+  ASSERT_TRUE(result.ok() && doubles.ok()) << result.status() << doubles.status();
+  EXPECT_EQ(result->mesh.origin, (Vec3d{500096, 5400064, 0}));
+  EXPECT_EQ(doubles->mesh.origin, result->mesh.origin);
+  EXPECT_EQ(result->mesh.positions, doubles->mesh.positions);
+  EXPECT_EQ(result->mesh.positions[1], (Vec3f{4, -64, 12.25f}));
+  EXPECT_EQ(result->report.max_rounding, 0);
+}
+
 TEST(RawReaderTest, DoublesGetAnOriginWhereTheyNeedOne) {
   const auto result =
       ReadArrays(Bytes<double>({500000.1, 0, 0, 500001.1, 0, 0, 500000.1, 1, 0}) + kIndices, {3, 1, true});
