@@ -1,7 +1,6 @@
 #include <memory>
 #include <string>
 
-#include "absl/strings/str_cat.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/message_text.h"
@@ -23,10 +22,7 @@ absl::Status Stats(const StatsOptions& options, const Session& session) {
   request.set_mesh(options.mesh);
   v1::GetBuildStatsResponse response;
   absl::Status status = connection->CallAgain(request.mesh(), [&](grpc::ClientContext* context) {
-    const grpc::Status answer = connection->meshes().GetBuildStats(context, request, &response);
-    if (answer.error_code() != grpc::StatusCode::FAILED_PRECONDITION) return answer;
-    return grpc::Status(answer.error_code(),
-                        absl::StrCat(answer.error_message(), "; to have one built: deltaray watch ", request.mesh()));
+    return connection->meshes().GetBuildStats(context, request, &response);
   });
   if (!status.ok()) return status;
   switch (options.format) {

@@ -25,7 +25,7 @@ template <typename T>
 bool StayExact(std::span<const Vec3<T>> vertices, const Vec3d& origin) {
   return std::ranges::all_of(vertices, [&origin](const Vec3<T>& vertex) {
     const Vec3d v = static_cast<Vec3d>(vertex);
-    const Vec3f stored = static_cast<Vec3f>(v - origin);
+    const Vec3f stored = StoredPosition(v, origin);
     for (int axis = 0; axis < 3; ++axis) {
       if (Rounding(v[axis], origin[axis], stored[axis]) != 0) return false;
     }
@@ -60,7 +60,7 @@ Vec3d Choose(std::span<const Vec3<T>> vertices, std::span<const uint32_t> corner
   }
   // A vertex that no face uses may lie anywhere; it must not leave the range either.
   for (const Vec3<T>& v : vertices) {
-    if (!IsFinite(static_cast<Vec3f>(static_cast<Vec3d>(v) - origin))) return {};
+    if (!IsFinite(StoredPosition(static_cast<Vec3d>(v), origin))) return {};
   }
   const bool are_exact =
       std::ranges::all_of(vertices, [](const Vec3<T>& v) { return IsExactInFloat(static_cast<Vec3d>(v)); });
@@ -80,8 +80,7 @@ StoredPositions StorePositions(const std::vector<Vec3d>& vertices, const Vec3d& 
   StoredPositions stored;
   stored.positions.reserve(vertices.size());
   for (const Vec3d& v : vertices) {
-    // Adding zero turns -0 into +0.
-    const Vec3f position = static_cast<Vec3f>(v - origin) + Vec3f{0, 0, 0};
+    const Vec3f position = StoredPosition(v, origin);
     for (int axis = 0; axis < 3; ++axis) {
       stored.max_rounding = std::max(stored.max_rounding, Rounding(v[axis], origin[axis], position[axis]));
     }

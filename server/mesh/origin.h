@@ -17,11 +17,16 @@ namespace deltaray {
 // the least power of two that is not below the extent. So few bits keep the subtraction from rounding in all but odd
 // cases, and leave an axis that is near zero at zero. Only vertices that a face uses count here.
 //
-// Where float32 holds all vertices exactly, they get it, too, as rays in float64 would be rounded as coarsely as its
-// coordinates are spaced otherwise; but not where it would no longer hold all of them.
+// That is so where float32 holds all vertices exactly, too, since rays in float64 would be rounded as coarsely as
+// float32 is spaced there; but not where it would not hold them relative to that point.
 Vec3d ChooseOrigin(const PolygonMesh& mesh);
 // Of a mesh whose positions are relative to zero.
 Vec3d ChooseOrigin(const TriangleMesh& mesh);
+
+// A vertex minus `origin`: subtracted in double, which may round, and then rounded to float32; -0 is stored as +0.
+inline Vec3f StoredPosition(const Vec3d& vertex, const Vec3d& origin) {
+  return static_cast<Vec3f>(vertex - origin) + Vec3f{0, 0, 0};
+}
 
 struct StoredPositions {
   std::vector<Vec3f> positions;
@@ -29,7 +34,7 @@ struct StoredPositions {
   double max_rounding = 0;
 };
 
-// Each vertex minus `origin`: subtracted in double, which may round, and then rounded to float32; -0 is stored as +0.
+// StoredPosition of each.
 StoredPositions StorePositions(const std::vector<Vec3d>& vertices, const Vec3d& origin);
 
 }  // namespace deltaray

@@ -93,10 +93,9 @@ absl::StatusOr<ReadMeshResult> ReadRaw(std::span<const char> bytes, const ReadMe
     TriangleMesh mesh;
     mesh.positions = Take<Vec3f>(&bytes, raw.vertex_count);
     if (absl::Status status = CheckPositions(mesh.positions); !status.ok()) return status;
-    for (Vec3f& position : mesh.positions) position = position + Vec3f{0, 0, 0};  // -0 is stored as +0.
     mesh.indices = Take<std::array<uint32_t, 3>>(&bytes, raw.triangle_count);
     mesh.origin = ChooseOrigin(mesh);
-    for (Vec3f& p : mesh.positions) p = static_cast<Vec3f>(static_cast<Vec3d>(p) - mesh.origin);  // exact
+    for (Vec3f& position : mesh.positions) position = StoredPosition(static_cast<Vec3d>(position), mesh.origin);
     mesh.face_count = raw.triangle_count;
     result = FinishMesh(std::move(mesh), /*max_rounding=*/0, Warnings(), options.cancelled);
   }

@@ -178,7 +178,8 @@ absl::StatusOr<StoredStatistics> MeshEntry::Statistics() const {
   }
   if (!run) {
     return absl::FailedPreconditionError(absl::StrCat(
-        "no tree of mesh ", id(), " is in memory: none was built since the server started, or it had to make room"));
+        "no tree of mesh ", id(),
+        " is in memory: none was built since the server started, or it had to make room; a watch has one built"));
   }
   return run->Statistics();
 }

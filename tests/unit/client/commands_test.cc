@@ -218,7 +218,7 @@ TEST_F(CommandsTest, StatsInEveryFormat) {
   EXPECT_THAT(session_.TakeOutput(), MatchesRegex("id,.*stats.sah_cost.*\n.*,12.5,.*\n"));
   AddMesh("unbuilt");
   EXPECT_EQ(session_.Run({"stats", "unbuilt"}), 64 + 9);
-  EXPECT_THAT(session_.TakeMessages(), HasSubstr("no tree was built yet; to have one built: deltaray watch unbuilt"));
+  EXPECT_THAT(session_.TakeMessages(), HasSubstr("no tree was built yet"));
 }
 
 TEST_F(CommandsTest, RebuildSendsOptions) {

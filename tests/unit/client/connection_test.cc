@@ -42,6 +42,22 @@ TEST_F(ConnectionTest, CallsThatReadAreMadeAgainWhileTheServerIsLost) {
   EXPECT_EQ(session_.Run({"list"}), 0) << session_.TakeMessages();
 }
 
+// As gRPC answers what comes while it shuts down.
+TEST_F(ConnectionTest, WhatTheServerCancelsIsLost) {
+  TemporaryFile file("v 0 0 0");
+  ASSERT_EQ(session_.Run({"upload", file.path(), "--format", "obj", "--name", "bunny"}), 0);
+  server_.behaviour.lost = grpc::Status::CANCELLED;
+  session_.session().retry_seconds = 20;
+  server_.behaviour.list_failures = 2;
+  EXPECT_EQ(session_.Run({"list"}), 0) << session_.TakeMessages();
+  server_.behaviour.watch_failures = 2;
+  EXPECT_EQ(session_.Run({"watch", "bunny"}), 0) << session_.TakeMessages();
+  // Told apart from an interrupt where it is not made again.
+  server_.behaviour.delete_failures = 1;
+  EXPECT_EQ(session_.Run({"delete", "bunny"}), 78);
+  EXPECT_THAT(session_.TakeMessages(), HasSubstr("the server ended"));
+}
+
 TEST_F(ConnectionTest, CallsThatReadAreMadeOnceWithoutRetries) {
   server_.behaviour.list_failures = 1;
   EXPECT_EQ(session_.Run({"list"}), 78);

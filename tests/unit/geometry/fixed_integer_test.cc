@@ -1,5 +1,6 @@
 #include "server/geometry/fixed_integer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 
@@ -49,7 +50,7 @@ void CompareWithUnlimited() {
     ASSERT_EQ(a > b, x > y);
     ASSERT_EQ(a < 0, x < 0);
     ASSERT_EQ(a > 0, x > 0);
-    // Double is exact to 53 bits; the difference is told in whole units of 2^-64 of the number.
+    // What the double stands for, and x, both times the same power of two where the double is no integer.
     const double rounded = a.ToDouble();
     if (x == 0) {
       ASSERT_EQ(rounded, 0);
