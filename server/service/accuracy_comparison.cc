@@ -67,24 +67,26 @@ struct Differences {
 class Comparison {
  public:
   Comparison(const TreeSnapshot& snapshot, const ComparisonQuery& comparison, const RayBatchView& rays,
-             const std::function<bool()>& cancelled)
+             const BatchControl& control)
       : snapshot_(snapshot),
         any_hit_(comparison.query.kind == v1::QUERY_KIND_ANY_HIT),
         options_(comparison.query.options),
         rounds_(comparison.rounds),
         rays_(rays),
-        cancelled_(cancelled) {}
+        control_(control) {}
 
   // Traces all rays at all levels and notes how the answers differ.
   absl::Status Compare() {
-    return ForRayPieces(rays_, PieceRays(rays_.size()), cancelled_, [&](size_t, std::span<const Ray> rays) {
+    const auto compare = [&](size_t, std::span<const Ray> rays, const SliceEnd& end) {
       std::array<Differences, kLevels.size()> differences;
-      const uint64_t hits = any_hit_ ? CompareAny(rays, differences) : CompareClosest(rays, differences);
+      const uint64_t hits = any_hit_ ? CompareAny(rays, end, differences) : CompareClosest(rays, end, differences);
+      if (end.came()) return absl::OkStatus();
       MutexLock lock(mutex_);
       hits_ += hits;
       for (size_t i = 0; i < kLevels.size(); ++i) differences_[i].Merge(differences[i]);
       return absl::OkStatus();
-    });
+    };
+    return ForRayPieces(rays_, PieceRays(rays_.size()), control_, compare);
   }
 
   // A round is all rays at one level after the other, not each piece at all levels: the second level would find what it
@@ -94,11 +96,12 @@ class Comparison {
       for (size_t i = 0; i < kLevels.size(); ++i) {
         const size_t level = (round + i) % kLevels.size();
         std::atomic<int64_t> nanoseconds{0};
-        const absl::Status status =
-            ForRayPieces(rays_, PieceRays(rays_.size()), cancelled_, [&](size_t, std::span<const Ray> rays) {
-              nanoseconds.fetch_add(TimeOf(rays, kLevels[level]), std::memory_order_relaxed);
-              return absl::OkStatus();
-            });
+        const auto time = [&](size_t, std::span<const Ray> rays, const SliceEnd& end) {
+          const int64_t taken = TimeOf(rays, kLevels[level], end);
+          if (!end.came()) nanoseconds.fetch_add(taken, std::memory_order_relaxed);
+          return absl::OkStatus();
+        };
+        const absl::Status status = ForRayPieces(rays_, PieceRays(rays_.size()), control_, time);
         if (!status.ok()) return status;
         times_[level].push_back(static_cast<double>(nanoseconds) / static_cast<double>(rays_.size()));
       }
@@ -133,49 +136,52 @@ class Comparison {
   }
 
  private:
-  QueryOptions OptionsOf(AccuracyLevel level) const {
+  QueryOptions OptionsOf(AccuracyLevel level, const SliceEnd& end) const {
     QueryOptions options = options_;
     options.accuracy = level;
+    options.stopped = end.asked();
     return options;
   }
 
-  // Both return the number of rays that hit.
-  uint64_t CompareClosest(std::span<const Ray> rays, std::span<Differences> differences) const {
+  // Both return the number of rays that hit; neither that nor the differences mean anything once the end has come.
+  uint64_t CompareClosest(std::span<const Ray> rays, const SliceEnd& end, std::span<Differences> differences) const {
     PieceArray<Hit> exact_hits(rays.size());
     PieceArray<Hit> level_hits(rays.size());
     const std::span<Hit> exact = exact_hits;
     const std::span<Hit> hits = level_hits;
-    snapshot_.tree->ClosestHits(rays, OptionsOf(AccuracyLevel::kExact), exact);
+    snapshot_.tree->ClosestHits(rays, OptionsOf(AccuracyLevel::kExact, end), exact);
     for (size_t i = 0; i < kLevels.size(); ++i) {
       if (kLevels[i] == AccuracyLevel::kExact) continue;
-      snapshot_.tree->ClosestHits(rays, OptionsOf(kLevels[i]), hits);
+      snapshot_.tree->ClosestHits(rays, OptionsOf(kLevels[i], end), hits);
+      if (end.came()) return 0;
       for (size_t ray = 0; ray < rays.size(); ++ray) differences[i].Add(hits[ray], exact[ray]);
     }
     return std::count_if(exact.begin(), exact.end(), [](const Hit& hit) { return hit.IsHit(); });
   }
 
-  uint64_t CompareAny(std::span<const Ray> rays, std::span<Differences> differences) const {
+  uint64_t CompareAny(std::span<const Ray> rays, const SliceEnd& end, std::span<Differences> differences) const {
     PieceArray<uint8_t> exact_any(rays.size());
     PieceArray<uint8_t> level_any(rays.size());
     const std::span<uint8_t> exact = exact_any;
     const std::span<uint8_t> any = level_any;
-    snapshot_.tree->AnyHits(rays, OptionsOf(AccuracyLevel::kExact), exact);
+    snapshot_.tree->AnyHits(rays, OptionsOf(AccuracyLevel::kExact, end), exact);
     for (size_t i = 0; i < kLevels.size(); ++i) {
       if (kLevels[i] == AccuracyLevel::kExact) continue;
-      snapshot_.tree->AnyHits(rays, OptionsOf(kLevels[i]), any);
+      snapshot_.tree->AnyHits(rays, OptionsOf(kLevels[i], end), any);
+      if (end.came()) return 0;
       for (size_t ray = 0; ray < rays.size(); ++ray) differences[i].Add(any[ray] != 0, exact[ray] != 0);
     }
     return std::count(exact.begin(), exact.end(), uint8_t{1});
   }
 
-  int64_t TimeOf(std::span<const Ray> rays, AccuracyLevel level) const {
+  int64_t TimeOf(std::span<const Ray> rays, AccuracyLevel level, const SliceEnd& end) const {
     PieceArray<Hit> hits(rays.size());
     PieceArray<uint8_t> any(rays.size());
     const int64_t start = ThreadCpuNanoseconds();
     if (any_hit_) {
-      snapshot_.tree->AnyHits(rays, OptionsOf(level), any);
+      snapshot_.tree->AnyHits(rays, OptionsOf(level, end), any);
     } else {
-      snapshot_.tree->ClosestHits(rays, OptionsOf(level), hits);
+      snapshot_.tree->ClosestHits(rays, OptionsOf(level, end), hits);
     }
     return ThreadCpuNanoseconds() - start;
   }
@@ -196,7 +202,7 @@ class Comparison {
   const QueryOptions options_;
   const uint32_t rounds_;
   const RayBatchView& rays_;
-  const std::function<bool()>& cancelled_;
+  const BatchControl& control_;
   Mutex mutex_;
   uint64_t hits_ ABSL_GUARDED_BY(mutex_) = 0;
   std::array<Differences, kLevels.size()> differences_ ABSL_GUARDED_BY(mutex_);
@@ -236,11 +242,11 @@ absl::StatusOr<ComparisonQuery> ReadComparison(const v1::CompareAccuracyRequest&
 absl::StatusOr<v1::CompareAccuracyResponse> CompareAccuracy(const TreeSnapshot& snapshot,
                                                             const ComparisonQuery& comparison,
                                                             const RayBatchBytes& batch, uint32_t max_rays,
-                                                            const std::function<bool()>& cancelled) {
+                                                            const BatchControl& control) {
   const absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, comparison.query, *snapshot.mesh, max_rays);
   if (!rays.ok()) return rays.status();
   if (rays->size() == 0) return absl::InvalidArgumentError("rays.rays: there are none to compare by");
-  Comparison run(snapshot, comparison, *rays, cancelled);
+  Comparison run(snapshot, comparison, *rays, control);
   if (absl::Status status = run.Compare(); !status.ok()) return status;
   if (absl::Status status = run.MeasureTime(); !status.ok()) return status;
   return run.Take();

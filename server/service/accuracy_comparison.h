@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "deltaray/v1/ray_service.pb.h"
 #include "server/build/build.h"
+#include "server/service/batch_control.h"
 #include "server/service/batch_query.h"
 #include "server/service/ray_message.h"
 
@@ -29,7 +30,7 @@ absl::StatusOr<ComparisonQuery> ReadComparison(const v1::CompareAccuracyRequest&
 absl::StatusOr<v1::CompareAccuracyResponse> CompareAccuracy(const TreeSnapshot& snapshot,
                                                             const ComparisonQuery& comparison,
                                                             const RayBatchBytes& batch, uint32_t max_rays,
-                                                            const std::function<bool()>& cancelled);
+                                                            const BatchControl& control);
 
 }  // namespace deltaray
 

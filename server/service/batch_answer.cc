@@ -57,13 +57,13 @@ uint64_t Sum(std::span<const Row> rows, const Hits& hits) {
 class Answering {
  public:
   Answering(const TreeSnapshot& snapshot, const BatchQuery& query, const RayBatchView& rays, const BatchLimits& limits,
-            const std::function<bool()>& cancelled)
+            const BatchControl& control)
       : mesh_(*snapshot.mesh),
         tree_(*snapshot.tree),
         query_(query),
         rays_(rays),
         limits_(limits),
-        cancelled_(cancelled),
+        control_(control),
         summary_{AnsweredAccuracy(*snapshot.tree, query), snapshot.final} {}
 
   // All kinds but ALL_HITS: one row a ray, written where it belongs at once.
@@ -71,26 +71,30 @@ class Answering {
     std::atomic<uint64_t> hits_in_all{0};
     HitColumns columns(query_, rays_.size(), rays_.size(), summary_);
     absl::Status status = ForRayPieces(
-        rays_, PieceRays(rays_.size()), cancelled_,
-        [&](size_t first, std::span<const Ray> rays) {
+        rays_, PieceRays(rays_.size()), control_,
+        [&](size_t first, std::span<const Ray> rays, const SliceEnd& end) {
+          const QueryOptions options = OptionsFor(end);
           switch (query_.kind) {
             case v1::QUERY_KIND_ANY_HIT: {
               PieceArray<uint8_t> any(rays.size());
-              tree_.AnyHits(rays, query_.options, any);
+              tree_.AnyHits(rays, options, any);
+              if (end.came()) break;
               columns.WriteAny(first, any);
               hits_in_all += Sum<uint8_t>(any, [](uint8_t hit) { return uint64_t{hit != 0}; });
               break;
             }
             case v1::QUERY_KIND_COUNT_HITS: {
               PieceArray<uint32_t> counts(rays.size());
-              tree_.CountHits(rays, query_.options, counts);
+              tree_.CountHits(rays, options, counts);
+              if (end.came()) break;
               columns.WriteCounts(first, counts);
               hits_in_all += Sum<uint32_t>(counts, [](uint32_t count) { return uint64_t{count}; });
               break;
             }
             default: {
               PieceArray<Hit> hits(rays.size());
-              tree_.ClosestHits(rays, query_.options, hits);
+              tree_.ClosestHits(rays, options, hits);
+              if (end.came()) break;
               columns.WriteHits(first, hits, mesh_);
               hits_in_all += Sum<Hit>(hits, [](const Hit& hit) { return uint64_t{hit.IsHit()}; });
             }
@@ -112,21 +116,26 @@ class Answering {
     std::atomic<uint64_t> hits_in_all{0};
     const uint64_t max_hits = MaxHits();
     absl::Status status = ForRayPieces(
-        rays_, piece_rays, cancelled_,
-        [&](size_t first, std::span<const Ray> rays) -> absl::Status {
+        rays_, piece_rays, control_,
+        [&](size_t first, std::span<const Ray> rays, const SliceEnd& end) -> absl::Status {
+          const QueryOptions options = OptionsFor(end);
           std::vector<Hit>& found = hits[first / piece_rays];
           // For now the number of hits of each ray; their sums follow below.
           const std::span<uint32_t> rows = std::span(offsets).subspan(first + 1, rays.size());
           const size_t before = found.size();  // of the slices before
-          tree_.AllHits(rays, query_.options, &found, rows);
+          tree_.AllHits(rays, options, &found, rows);
+          if (!end.came() && !counts.empty()) {
+            const std::span<uint32_t> piece_counts = std::span(counts).subspan(first, rays.size());
+            std::copy(rows.begin(), rows.end(), piece_counts.begin());
+            CountBeyondCap(rays, options, piece_counts);
+          }
+          if (end.came()) {
+            found.resize(before);
+            return absl::OkStatus();
+          }
           const uint64_t added = found.size() - before;
           if (hits_in_all.fetch_add(added, std::memory_order_relaxed) + added > max_hits) {
             return ReplyTooLarge(limits_.max_message_bytes);
-          }
-          if (!counts.empty()) {
-            const std::span<uint32_t> piece_counts = std::span(counts).subspan(first, rays.size());
-            std::copy(rows.begin(), rows.end(), piece_counts.begin());
-            CountBeyondCap(rays, piece_counts);
           }
           return absl::OkStatus();
         },
@@ -147,6 +156,12 @@ class Answering {
   // Rays of which all hits are found are traced one by one, and each may take long.
   size_t FirstSlice() const { return HasAllHits(query_) ? kFirstSlice : RayBatchView::kMaxPieceRays; }
 
+  QueryOptions OptionsFor(const SliceEnd& end) const {
+    QueryOptions options = query_.options;
+    options.stopped = end.asked();
+    return options;
+  }
+
   BatchAnswer Answer(HitColumns& columns, uint64_t hit_count) const {
     return {columns.Take(), summary_.accuracy, rays_.size(), hit_count};
   }
@@ -159,10 +174,10 @@ class Answering {
   }
 
   // Replaces the counts of rays that were stopped by max_hits_per_ray by the number of all triangles that they hit.
-  void CountBeyondCap(std::span<const Ray> rays, std::span<uint32_t> counts) const {
+  void CountBeyondCap(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const {
     for (size_t i = 0; i < rays.size(); ++i) {
-      if (counts[i] < query_.options.max_hits_per_ray) continue;
-      tree_.CountHits(rays.subspan(i, 1), query_.options, counts.subspan(i, 1));
+      if (counts[i] < options.max_hits_per_ray) continue;
+      tree_.CountHits(rays.subspan(i, 1), options, counts.subspan(i, 1));
     }
   }
 
@@ -171,7 +186,7 @@ class Answering {
   const BatchQuery& query_;
   const RayBatchView& rays_;
   const BatchLimits& limits_;
-  const std::function<bool()>& cancelled_;
+  const BatchControl& control_;
   const HitColumns::Summary summary_;
 };
 
@@ -197,13 +212,13 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
 
 absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
-                                        const std::function<bool()>& cancelled) {
+                                        const BatchControl& control) {
   absl::StatusOr<RayBatchView> rays = RayBatchView::Make(batch, query, *snapshot.mesh, limits.max_rays);
   if (!rays.ok()) return rays.status();
   if (rays->size() * BytesPerRay(query) + kOverheadBytes > limits.max_message_bytes) {
     return ReplyTooLarge(limits.max_message_bytes);
   }
-  Answering answering(snapshot, query, *rays, limits, cancelled);
+  Answering answering(snapshot, query, *rays, limits, control);
   return query.kind == v1::QUERY_KIND_ALL_HITS ? answering.TraceAllHits() : answering.TraceRows();
 }
 

@@ -4,11 +4,11 @@
 #define SERVER_SERVICE_BATCH_ANSWER_H_
 
 #include <cstdint>
-#include <functional>
 
 #include "absl/status/statusor.h"
 #include "grpcpp/support/slice.h"
 #include "server/build/build.h"
+#include "server/service/batch_control.h"
 #include "server/service/batch_query.h"
 #include "server/service/ray_message.h"
 
@@ -41,11 +41,10 @@ uint64_t MaxAnswerBytes(const BatchQuery& query, size_t bytes, const BatchLimits
 //
 // INVALID_ARGUMENT names the first ray that is malformed. RESOURCE_EXHAUSTED: too many rays, or a reply over the
 // message limit; replies of a known size are refused before any ray is traced, ALL_HITS as soon as the hits so far are
-// too many. CANCELLED soon after `cancelled` returns true, which is asked for every piece, and within pieces that take
-// long.
+// too many. CANCELLED soon after control.cancelled returns true, however long a ray takes.
 absl::StatusOr<BatchAnswer> AnswerBatch(const TreeSnapshot& snapshot, const BatchQuery& query,
                                         const RayBatchBytes& batch, const BatchLimits& limits,
-                                        const std::function<bool()>& cancelled);
+                                        const BatchControl& control);
 
 }  // namespace deltaray
 

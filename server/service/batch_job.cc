@@ -1,6 +1,8 @@
 #include "server/service/batch_job.h"
 
 #include <atomic>
+#include <chrono>
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -9,28 +11,63 @@
 namespace deltaray {
 namespace {
 
-void Trace(const RayBackend& backend, BatchJob& job, const MeshStore::Answer& tree) {
-  BatchJob::Answer answer;
-  // Between two pieces, batches that take less long get their turn; not on threads of gRPC, where small ones are
+using Clock = std::chrono::steady_clock;
+
+// What the size of a batch promises of its time. Each keeps others waiting for as long as that only, however slow its
+// rays are.
+enum class Expected : uint8_t {
+  kSmall,  // at most 10 ms, on a thread of gRPC
+  kShort,  // at most 100 ms, before batches that take long
+  kLong,
+};
+
+Expected ExpectedOf(const BatchJob& job, const Tree& tree) {
+  if (tree.is_growing()) return Expected::kLong;
+  const size_t bytes = job.rays.rays.size;
+  return IsSmall(job.query, bytes) ? Expected::kSmall : IsShort(job.query, bytes) ? Expected::kShort : Expected::kLong;
+}
+
+Clock::time_point EndOf(Expected expected) {
+  switch (expected) {
+    case Expected::kSmall:
+      return Clock::now() + std::chrono::milliseconds(10);
+    case Expected::kShort:
+      return Clock::now() + std::chrono::milliseconds(100);
+    case Expected::kLong:
+      break;
+  }
+  return Clock::time_point::max();
+}
+
+// One that takes longer than expected begins anew as a long one, on the tracer.
+void Trace(const RayBackend& backend, const std::shared_ptr<BatchJob>& job, const MeshStore::Answer& tree,
+           Expected expected) {
+  std::optional<BatchJob::Answer> answer;
+  const Clock::time_point end = EndOf(expected);
+  const auto is_late = [end] { return end != Clock::time_point::max() && Clock::now() > end; };
+  // Between two slices, batches that take less long get their turn; not on threads of gRPC, where small ones are
   // traced.
-  const bool on_tracer = !IsSmall(job.query, job.rays.rays.size);
-  const std::function<bool()> cancelled = [&] {
-    if (on_tracer) backend.tracer->RunShort();
-    return job.cancelled();
-  };
+  const BatchControl control{[&] { return job->cancelled() || is_late(); },
+                             [&] {
+                               if (expected != Expected::kSmall) backend.tracer->RunShort();
+                             }};
   const absl::Status status = CatchExceptions([&] {
-    job.meter->BeginTracing();
-    absl::StatusOr<BatchAnswer> traced = AnswerBatch(*tree.snapshot, job.query, job.rays, backend.limits, cancelled);
+    job->meter->BeginTracing();
+    absl::StatusOr<BatchAnswer> traced = AnswerBatch(*tree.snapshot, job->query, job->rays, backend.limits, control);
+    if (absl::IsCancelled(traced.status()) && !job->cancelled()) {
+      backend.tracer->Enqueue([backend, job, tree] { Trace(backend, job, tree, Expected::kLong); });
+      return absl::OkStatus();
+    }
     if (!traced.ok()) return traced.status();
     backend.store->NoteAnswer(tree);
-    job.meter->CountAnswer({tree.id, job.query.kind, traced->accuracy, traced->ray_count, traced->hit_count});
+    job->meter->CountAnswer({tree.id, job->query.kind, traced->accuracy, traced->ray_count, traced->hit_count});
     answer = {tree.id, std::move(traced->hits)};
     return absl::OkStatus();
   });
-  if (status.ok()) {
-    job.done(std::move(answer));
-  } else {
-    job.done(status);
+  if (!status.ok()) {
+    job->done(status);
+  } else if (answer.has_value()) {
+    job->done(*std::move(answer));
   }
 }
 
@@ -67,7 +104,7 @@ void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   const auto cancelled = [job] { return job->cancelled(); };
   UseTree(backend, job->mesh, job->query.wait_final, cancelled, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
     if (tree.ok()) {
-      Trace(backend, *job, *tree);
+      Trace(backend, job, *tree, ExpectedOf(*job, *tree->snapshot->tree));
     } else {
       job->done(tree.status());
     }

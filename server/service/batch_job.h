@@ -57,7 +57,8 @@ struct BatchJob {
 // Answers the batch from the best tree that there is, or as soon as there is one.
 //
 // Where a tree is there already, traces on the calling thread: that must be a thread of the tracer, unless
-// IsSmall. Must not be called with a lock held that job->done takes.
+// IsSmall. What takes longer than such a batch should goes on as a task of the tracer. Must not be called with a lock
+// held that job->done takes.
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job);
 
 }  // namespace deltaray

@@ -38,6 +38,8 @@ spdlog::level::level_enum Level(absl::StatusCode code) {
 CallLog::CallLog() : prefix_(RandomPrefix()) {}
 
 absl::Status CallLog::OnBegin(RpcInfo& rpc) {
+  // gRPC forgets it once the client has gone, or was cut off.
+  rpc.record->peer = rpc.context->peer();
   const auto sent = rpc.context->client_metadata().find(kRequestId);
   if (sent != rpc.context->client_metadata().end() && !sent->second.empty() &&
       sent->second.size() <= kMaxRequestIdBytes &&
@@ -54,11 +56,10 @@ void CallLog::OnEnd(const RpcInfo& rpc, const absl::Status& status) {
   const auto level = Level(status.code());
   if (!spdlog::should_log(level)) return;
   const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - rpc.began).count();
-  const std::string peer = rpc.context->peer();
   const std::string code = absl::StatusCodeToString(status.code());
   const std::string text(status.message());
   LogFields fields{{"method", rpc.method},
-                   {"peer", peer},
+                   {"peer", rpc.record->peer},
                    {"code", code},
                    {"ms", ms},
                    {"batches", static_cast<int64_t>(rpc.record->batches)},

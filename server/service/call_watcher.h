@@ -16,7 +16,9 @@ namespace deltaray {
 
 // What is noted of a call while it is under way. Lives as long as the call.
 struct CallRecord {
-  std::string request_id;  // set before the call does anything
+  // Both set before the call does anything.
+  std::string request_id;
+  std::string peer;
   std::atomic<uint64_t> batches{0};
   std::atomic<uint64_t> rays{0};
 };

@@ -118,12 +118,9 @@ void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const C
                const RayBatchBytes& rays, BatchCall& call) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
-    const auto cancelled = [&] {
-      backend.tracer->RunShort();
-      return call.cancelled();
-    };
+    const BatchControl control{[&] { return call.cancelled(); }, [&] { backend.tracer->RunShort(); }};
     absl::StatusOr<v1::CompareAccuracyResponse> response =
-        CompareAccuracy(*tree.snapshot, comparison, rays, backend.limits.max_rays, cancelled);
+        CompareAccuracy(*tree.snapshot, comparison, rays, backend.limits.max_rays, control);
     if (!response.ok()) return response.status();
     backend.store->NoteAnswer(tree);
     response->set_mesh_id(tree.id);

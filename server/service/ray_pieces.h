@@ -17,6 +17,7 @@
 #include "absl/status/status.h"
 #include "server/build/mutex.h"
 #include "server/geometry/ray.h"
+#include "server/service/batch_control.h"
 #include "server/service/ray_batch.h"
 #include "server/service/rpc_status.h"
 #include "server/service/tracer.h"
@@ -82,10 +83,15 @@ class RayTimer {
 
   // Rays that take about kSliceTime.
   size_t SliceRays() const { return rays_.load(std::memory_order_relaxed); }
+  // The time after which a slice is given up, and its rays come again, fewer at once; one ray may take any time.
+  static constexpr std::chrono::milliseconds Patience(size_t rays) {
+    return rays > 1 ? 4 * kSliceTime : std::chrono::milliseconds::max();
+  }
+  void NoteGivenUp(size_t rays) { rays_.store(std::max<size_t>(rays / kCut, 1), std::memory_order_relaxed); }
   void Note(size_t rays, std::chrono::steady_clock::duration time) {
     const double parts = std::max<double>(static_cast<double>(time.count()), 1.0) /
                          std::chrono::duration_cast<std::chrono::steady_clock::duration>(kSliceTime).count();
-    const double fitting = static_cast<double>(rays) / parts;
+    const double fitting = static_cast<double>(rays) / std::max(parts, 1 / kGrowth);
     rays_.store(static_cast<size_t>(std::clamp(fitting, 1.0, double{RayBatchView::kMaxPieceRays})),
                 std::memory_order_relaxed);
   }
@@ -93,33 +99,71 @@ class RayTimer {
  private:
   // A cancelled batch ends, and others get their turn, after about as long.
   static constexpr std::chrono::milliseconds kSliceTime{10};
+  // Where fast and slow rays come in turns, most slices must not be given up.
+  static constexpr size_t kCut = 16;
+  static constexpr double kGrowth = 4;
   std::atomic<size_t> rays_;
 };
 
-// Decodes `batch` piece by piece and calls trace(first, std::span<const Ray>), which returns a status, for each, spread
-// over the arena of the calling thread. A piece comes in slices, one after the other, of `first_slice` rays to begin
-// with and then of as many as take about kSliceTime: `trace` is called for each. Returns the first failure; CANCELLED
-// soon after `cancelled` returns true, which is asked before every slice. REQUIRES: piece_rays <=
-// RayBatchView::kMaxPieceRays.
+// Whether a slice is to end before all of its rays are traced.
+class SliceEnd {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  // After `patience`, or once `cancelled` returns true.
+  SliceEnd(const std::function<bool()>& cancelled, std::chrono::milliseconds patience)
+      : cancelled_(cancelled), patience_(patience), asked_([this] { return came_ = came_ || Comes(); }) {}
+  SliceEnd(const SliceEnd&) = delete;
+  SliceEnd& operator=(const SliceEnd&) = delete;
+
+  // For QueryOptions::stopped.
+  const std::function<bool()>* asked() const { return &asked_; }
+  // Whether a query was told to end: what it has written is of no meaning then.
+  bool came() const { return came_; }
+
+  Clock::duration time() const { return Clock::now() - start_; }
+
+ private:
+  bool Comes() const { return cancelled_() || (patience_ != patience_.max() && time() > patience_); }
+
+  const std::function<bool()>& cancelled_;
+  const std::chrono::milliseconds patience_;
+  const Clock::time_point start_ = Clock::now();
+  bool came_ = false;
+  const std::function<bool()> asked_;
+};
+
+// Decodes `batch` piece by piece and calls trace(first, std::span<const Ray>, const SliceEnd&) for each, which returns
+// a status, spread over the arena of the calling thread. A piece comes in slices, one after the other, of `first_slice`
+// rays to begin with and then of as many as take about kSliceTime: `trace` is called for each, and again, with fewer
+// rays, where it found that the slice's end had come before it had traced them. Returns the first failure; CANCELLED
+// soon after control.cancelled returns true. REQUIRES: piece_rays <= RayBatchView::kMaxPieceRays.
 template <typename Trace>
-absl::Status ForRayPieces(const RayBatchView& batch, size_t piece_rays, const std::function<bool()>& cancelled,
-                          const Trace& trace, size_t first_slice = RayBatchView::kMaxPieceRays) {
+absl::Status ForRayPieces(const RayBatchView& batch, size_t piece_rays, const BatchControl& control, const Trace& trace,
+                          size_t first_slice = RayBatchView::kMaxPieceRays) {
   FirstFailure failure;
   RayTimer timer(first_slice);
   Tracer::ForPieces(batch.size(), piece_rays, [&](size_t first, size_t last) {
     if (!failure.Matters(first)) return;
     absl::Status status = CatchExceptions([&]() -> absl::Status {
-      if (cancelled()) return absl::CancelledError("cancelled");
+      control.pause();
+      if (control.cancelled()) return absl::CancelledError("cancelled");
       PieceArray<Ray> rays(last - first);
       if (absl::Status decoded = batch.Decode(first, rays); !decoded.ok()) return decoded;
       const std::span<const Ray> piece = rays;
-      for (size_t done = 0; done < piece.size();) {
-        if (done > 0 && cancelled()) return absl::CancelledError("cancelled");
+      for (size_t done = 0;;) {
         const size_t slice = std::min(timer.SliceRays(), piece.size() - done);
-        const auto start = std::chrono::steady_clock::now();
-        if (absl::Status traced = trace(first + done, piece.subspan(done, slice)); !traced.ok()) return traced;
-        timer.Note(slice, std::chrono::steady_clock::now() - start);
-        done += slice;
+        const SliceEnd end(control.cancelled, RayTimer::Patience(slice));
+        if (absl::Status traced = trace(first + done, piece.subspan(done, slice), end); !traced.ok()) return traced;
+        if (end.came()) {
+          timer.NoteGivenUp(slice);
+        } else {
+          timer.Note(slice, end.time());
+          done += slice;
+          if (done == piece.size()) break;
+        }
+        control.pause();
+        if (control.cancelled()) return absl::CancelledError("cancelled");
       }
       return absl::OkStatus();
     });

@@ -19,7 +19,22 @@ constexpr std::chrono::seconds kTryAgain{1};
 // Whether reading a mesh's file has told that it is lost or damaged.
 bool IsLost(const absl::Status& read) { return absl::IsDataLoss(read) || absl::IsNotFound(read); }
 
+// What a build of the mesh may take at its peak.
+uint64_t EstimateBytes(const MeshInfo& info, const Config& config) {
+  // Positions, indices, face ids and group ids; once more as they are read from the file, before the build.
+  const uint64_t mesh = 12 * info.vertex_count + 20 * info.triangle_count;
+  return mesh + std::max(info.stored_bytes, EstimateBuildBytes(config, info.triangle_count));
+}
+
+std::string Description(const MeshInfo& info) {
+  return absl::StrCat("mesh ", info.id, " of ", info.triangle_count, " triangles");
+}
+
 }  // namespace
+
+absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const TreeBudget& budget) {
+  return budget.CheckFits(EstimateBytes(info, config), Description(info));
+}
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget)
     : groups_(std::exchange(info.groups, {})),
@@ -77,7 +92,8 @@ absl::Status MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
   return absl::OkStatus();
 }
 
-absl::Status MeshEntry::CheckRebuild() const {
+absl::Status MeshEntry::CheckRebuild(const Config& config) const {
+  if (absl::Status status = CheckBuildFits(info_, config, *budget_); !status.ok()) return status;
   MutexLock lock(mutex_);
   return queue_->CheckRoom(current_ ? current_->number() : 0);
 }
@@ -266,17 +282,10 @@ absl::Status MeshEntry::StartRun(const Config& config, LoadedMesh loaded) {
   return absl::OkStatus();
 }
 
-uint64_t MeshEntry::EstimateBytes(const Config& config) const {
-  // Positions, indices, face ids and group ids; once more as they are read from the file, before the build.
-  const uint64_t mesh = 12 * info_.vertex_count + 20 * info_.triangle_count;
-  return mesh + std::max(info_.stored_bytes, EstimateBuildBytes(config, info_.triangle_count));
-}
-
 void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
   spdlog::info("build {} of mesh {} started", run->number(), id());
   const auto load = [&](const std::function<bool()>& cancelled) -> absl::StatusOr<std::shared_ptr<const TriangleMesh>> {
-    const std::string what = absl::StrCat("mesh ", id(), " of ", info_.triangle_count, " triangles");
-    auto memory = budget_->Reserve(EstimateBytes(run->config()), what, cancelled);
+    auto memory = budget_->Reserve(EstimateBytes(info_, run->config()), Description(info_), cancelled);
     if (!memory.ok()) return memory.status();
     run->Hold(*std::move(memory));
     return LoadMesh(cancelled);

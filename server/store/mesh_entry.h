@@ -26,6 +26,9 @@ struct LoadedMesh {
   std::shared_ptr<const TriangleMesh> mesh;
 };
 
+// RESOURCE_EXHAUSTED where `budget` could never hold a build of the mesh.
+absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const TreeBudget& budget);
+
 // Life: stored, without a run -> a run is queued (Start, or whatever needs a tree) -> it loads and builds -> it
 // answers -> it is finished. Rebuild begins a new run; the old one's tree answers until the new one's can: rays that
 // take any tree go over to the new provisional one, those that want a final one keep the old final one until the new
@@ -57,8 +60,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   // Cancels the build under way and starts another one. `loaded` as above. RESOURCE_EXHAUSTED where the queue is full:
   // the config is for later builds then.
   absl::Status Rebuild(const Config& config, LoadedMesh loaded);
-  // Whether Rebuild has room in the queue.
-  absl::Status CheckRebuild() const;
+  // Whether Rebuild with `config` has room in the queue, and the build in memory.
+  absl::Status CheckRebuild(const Config& config) const;
   // Takes over the config that another server gave the mesh: where it differs, a tree or build of the old one is
   // replaced by a build of the new one.
   void SetConfig(const Config& config);
@@ -112,7 +115,6 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   void End(const std::shared_ptr<BuildRun>& run, const absl::Status& status);
 
   void Touch() { last_used_ = std::chrono::steady_clock::now().time_since_epoch(); }
-  uint64_t EstimateBytes(const Config& config) const;
   MeshStore::Answer AnswerFrom(const BuildRun& run) const;
   absl::Status BuildFailure(const absl::Status& status) const;
 

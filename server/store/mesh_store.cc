@@ -126,6 +126,10 @@ absl::StatusOr<std::unique_ptr<Upload>> Store::StartUpload() {
 
 absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
   const std::string& id = upload.info.id;
+  // A mesh that cannot be built yet is kept, but not with options that a client chose and that can never do.
+  if (upload.config) {
+    if (absl::Status status = CheckBuildFits(upload.info, *upload.config, *tree_budget_); !status.ok()) return status;
+  }
   PreparedFiles files(&disk_budget_);
   if (absl::Status status = files.PrepareLabels(upload, directory_.files()); !status.ok()) return status;
   for (;;) {
@@ -325,7 +329,7 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
   MutexLock disk_lock(directory_.mutex());
   const absl::StatusOr<EntryPointer> entry = directory_.ReadTarget(mesh, &dropped);
   if (!entry.ok()) return entry.status();
-  if (absl::Status status = (*entry)->CheckRebuild(); !status.ok()) return status;
+  if (absl::Status status = (*entry)->CheckRebuild(config); !status.ok()) return status;
   absl::StatusOr<TemporaryFile> file = directory_.files().Prepare(EncodeConfig(config));
   if (!file.ok()) return file.status();
   if (absl::Status status = file->MoveTo(directory_.files().ConfigPath((*entry)->id())); !status.ok()) return status;

@@ -95,13 +95,16 @@ class TreeBudget::Turn {
   TreeBudget* const budget_;
 };
 
+absl::Status TreeBudget::CheckFits(uint64_t bytes, absl::string_view what) const {
+  if (bytes <= limit_) return absl::OkStatus();
+  return absl::ResourceExhaustedError(absl::StrCat(what, " takes up to ", bytes,
+                                                   " bytes while its tree is built, more than the limit of ", limit_,
+                                                   " bytes (--tree-bytes)"));
+}
+
 absl::StatusOr<std::shared_ptr<TreeBudget::Reservation>> TreeBudget::Reserve(uint64_t bytes, absl::string_view what,
                                                                              const std::function<bool()>& cancelled) {
-  if (bytes > limit_) {
-    return absl::ResourceExhaustedError(absl::StrCat(what, " takes up to ", bytes,
-                                                     " bytes while its tree is built, more than the limit of ", limit_,
-                                                     " bytes (--tree-bytes)"));
-  }
+  if (absl::Status status = CheckFits(bytes, what); !status.ok()) return status;
   std::shared_ptr<Reservation> reservation = Empty();
   const Turn turn(this);
   for (;;) {

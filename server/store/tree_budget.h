@@ -57,10 +57,11 @@ class TreeBudget : public std::enable_shared_from_this<TreeBudget> {
       : limit_(limit), make_room_(std::move(make_room)) {}
 
   // Waits until there is room for `bytes`: one after the other, so that who needs much gets its turn.
-  // RESOURCE_EXHAUSTED where that can never be, with a text of `what` that needs them; CANCELLED once `cancelled`
-  // returns true.
+  // RESOURCE_EXHAUSTED as CheckFits; CANCELLED once `cancelled` returns true.
   absl::StatusOr<std::shared_ptr<Reservation>> Reserve(uint64_t bytes, absl::string_view what,
                                                        const std::function<bool()>& cancelled);
+  // RESOURCE_EXHAUSTED where there can never be room for `bytes`, with a text of `what` that needs them.
+  absl::Status CheckFits(uint64_t bytes, absl::string_view what) const;
   // None yet, to grow.
   std::shared_ptr<Reservation> Empty() { return std::make_shared<Reservation>(shared_from_this()); }
 

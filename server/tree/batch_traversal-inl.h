@@ -47,6 +47,7 @@ class BatchTraversal {
         query_(query),
         in_flight_(in_flight),
         odd_(odd),
+        stop_(scene.stop),
         setup_(scene.arrays),
         scratch_(StackEntries(scene.arrays.levels), in_flight, in_flight),
         next_ray_(static_cast<uint32_t>(begin)) {}
@@ -70,6 +71,7 @@ class BatchTraversal {
       node_count += Refill(ray);
     }
     while (node_count + leaf_count > 0) {
+      if (HWY_UNLIKELY(stop_.Step(static_cast<uint32_t>(node_count + leaf_count)))) return;
       // The ends of the lists of what is next for a ray: a lookup, since no branch could be foretold.
       RaySlot** ends[3];
       ends[ChildRef::kNode] = next_nodes, ends[ChildRef::kLeaf] = next_leaves, ends[ChildRef::kNothing] = ended;
@@ -164,6 +166,7 @@ class BatchTraversal {
   Query& query_;
   const size_t in_flight_;
   std::vector<uint32_t>* const odd_;
+  StopPoll& stop_;
   const Setup setup_;
   TraversalScratch scratch_;
   uint32_t next_ray_;

@@ -18,8 +18,7 @@ namespace deltaray {
 // child first: [Tang 2015] table 3 with the array stack that it names. The stack grows on the heap where the tree is
 // deeper than 64.
 template <typename VisitLeaf>
-void TraverseBvh(std::span<const BvhNode> nodes, const BoxTest& box_test, const Collector& collector,
-                 VisitLeaf visit_leaf) {
+void TraverseBvh(std::span<const BvhNode> nodes, const BoxTest& box_test, Collector& collector, VisitLeaf visit_leaf) {
   if (nodes.empty()) return;
   struct Entry {
     uint32_t node;
@@ -28,7 +27,7 @@ void TraverseBvh(std::span<const BvhNode> nodes, const BoxTest& box_test, const 
   absl::InlinedVector<Entry, 64> stack;
   const Interval root = box_test(nodes[0].bounds, collector.limit());
   if (!root.IsEmpty()) stack.push_back({0, root.first});
-  while (!stack.empty()) {
+  while (!stack.empty() && !collector.stop().Step()) {
     const Entry entry = stack.back();
     stack.pop_back();
     if (entry.first > collector.limit()) continue;

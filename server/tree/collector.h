@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "server/geometry/triangle_test.h"
+#include "server/tree/stop_poll.h"
 #include "server/tree/tree.h"
 
 namespace deltaray {
@@ -22,13 +23,20 @@ class Collector {
 
   // Hits with an exact t beyond this do not matter: +inf at first, never growing, -inf once nothing matters any more.
   double limit() const { return limit_; }
-  bool IsDone() const { return limit_ == -std::numeric_limits<double>::infinity(); }
+  bool IsDone() const { return limit_ == kNothingMatters; }
+  // Traversals step it where they may go far without a visit, and end where it says so. Visit() does so itself, and
+  // then nothing matters any more.
+  StopPoll& stop() const { return stop_; }
 
-  // Tests the triangles with these primitive ids.
+  // Tests the triangles with these primitive ids, as long as they matter.
   void Visit(std::span<const uint32_t> primitives) {
-    for (const uint32_t primitive : primitives) Visit(primitive);
+    for (const uint32_t primitive : primitives) {
+      if (IsDone()) return;
+      Visit(primitive);
+    }
   }
   void Visit(uint32_t primitive) {
+    if (stop_.Step()) limit_ = kNothingMatters;
     Candidate candidate;
     if (primitive != ray_.excluded_primitive && !IsDone() &&
         TestTriangle(ray_, triangles_[primitive], primitive, culling_, &candidate)) {
@@ -37,8 +45,10 @@ class Collector {
   }
 
  protected:
-  Collector(const TrianglesView& triangles, const Ray& ray, Culling culling)
-      : triangles_(triangles), ray_(ray), culling_(culling) {}
+  static constexpr double kNothingMatters = -std::numeric_limits<double>::infinity();
+
+  Collector(const TrianglesView& triangles, const Ray& ray, Culling culling, StopPoll& stop)
+      : triangles_(triangles), ray_(ray), culling_(culling), stop_(stop) {}
   ~Collector() = default;
 
   virtual void Add(const Candidate& candidate) = 0;
@@ -52,13 +62,14 @@ class Collector {
   const TrianglesView& triangles_;
   const Ray& ray_;
   const Culling culling_;
+  StopPoll& stop_;
 };
 
 // The first hit.
 class ClosestCollector final : public Collector {
  public:
-  ClosestCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options)
-      : Collector(triangles, ray, options.culling) {}
+  ClosestCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options, StopPoll& stop)
+      : Collector(triangles, ray, options.culling, stop) {}
 
   // kNoPrimitive where none is hit.
   uint32_t primitive() const { return best_.primitive; }
@@ -73,22 +84,22 @@ class ClosestCollector final : public Collector {
 // Whether there is a hit.
 class AnyCollector final : public Collector {
  public:
-  AnyCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options)
-      : Collector(triangles, ray, options.culling) {}
+  AnyCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options, StopPoll& stop)
+      : Collector(triangles, ray, options.culling, stop) {}
 
   bool any() const { return IsDone(); }
 
  private:
-  void Add(const Candidate&) override { limit_ = -std::numeric_limits<double>::infinity(); }
+  void Add(const Candidate&) override { limit_ = kNothingMatters; }
 };
 
 // The first options.max_hits_per_ray hits, each triangle once, in order.
 class AllCollector final : public Collector {
  public:
   // Uses `candidates` as storage.
-  AllCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options,
+  AllCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options, StopPoll& stop,
                std::vector<Candidate>* candidates)
-      : Collector(triangles, ray, options.culling), cap_(options.max_hits_per_ray), candidates_(*candidates) {
+      : Collector(triangles, ray, options.culling, stop), cap_(options.max_hits_per_ray), candidates_(*candidates) {
     candidates_.clear();
   }
 
@@ -98,29 +109,34 @@ class AllCollector final : public Collector {
  private:
   void Add(const Candidate& candidate) override;
 
-  // Orders the candidates, and drops repeated ones and those past the cap.
+  // Orders the candidates, and drops repeated ones and those past the cap; all of them where the query is to end.
   void Compact();
 
   const size_t cap_;
   std::vector<Candidate>& candidates_;
 };
 
-// The number of triangles hit.
+// The number of triangles hit. Few are listed; many are marked, in a bit for each triangle of the mesh, so that they
+// take bounded memory however many there are.
 class CountCollector final : public Collector {
  public:
-  // Uses `primitives` as storage.
-  CountCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options,
-                 std::vector<uint32_t>* primitives)
-      : Collector(triangles, ray, options.culling), primitives_(*primitives) {
-    primitives_.clear();
-  }
+  struct Storage {
+    std::vector<uint32_t> list;
+    std::vector<bool> marks;  // none: they are listed
+  };
+
+  CountCollector(const TrianglesView& triangles, const Ray& ray, const QueryOptions& options, StopPoll& stop,
+                 Storage* storage);
 
   uint32_t Count();
 
  private:
-  void Add(const Candidate& candidate) override { primitives_.push_back(candidate.primitive); }
+  void Add(const Candidate& candidate) override;
+  void Mark(uint32_t primitive);
 
-  std::vector<uint32_t>& primitives_;
+  const size_t triangle_count_;
+  Storage& storage_;
+  uint32_t marked_ = 0;
 };
 
 }  // namespace deltaray

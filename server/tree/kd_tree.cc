@@ -22,7 +22,7 @@ void KdTree::Traverse(const Ray& ray, Collector& collector) const {
     if (!t.IsEmpty()) stack.push_back({node, t});
   };
   push(0, box_test(arrays_.bounds, collector.limit()));
-  while (!stack.empty()) {
+  while (!stack.empty() && !collector.stop().Step()) {
     const auto [index, t] = stack.back();
     stack.pop_back();
     // A triangle of a near cell may have been hit beyond that cell: only the limit tells when later cells are done.

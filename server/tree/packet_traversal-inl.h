@@ -37,6 +37,7 @@ class PacketTraversal {
   PacketTraversal(const WideScene& scene, Query& query)
       : base_(scene.arrays.block.data()),
         query_(query),
+        stop_(scene.stop),
         setup_(scene.arrays),
         scratch_(StackEntries(scene.arrays.levels), 1, kPacketRays),
         packet_(scratch_.slots()) {}
@@ -73,7 +74,7 @@ class PacketTraversal {
     Query::Test::SetUp(packet_.columns());
   }
 
-  // False: gave up.
+  // False: gave up. Ends where it is to stop.
   HWY_ATTR bool Traverse(bool always) {
     uint32_t leaves = 0, tests = 0;
     PacketStack stack{scratch_.keys(), scratch_.refs(), scratch_.parents()};
@@ -82,6 +83,7 @@ class PacketTraversal {
     uint32_t parent = 0;
     while (true) {
       const ChildRef ref(current);
+      if (HWY_UNLIKELY(stop_.Step(ref.IsLeaf() ? kPacketRays : 1))) return true;
       if (ref.IsLeaf()) {
         ++leaves;
         tests += VisitLeaf(ref, parent);
@@ -204,6 +206,7 @@ class PacketTraversal {
 
   const std::byte* const base_;
   Query& query_;
+  StopPoll& stop_;
   const Setup setup_;
   TraversalScratch scratch_;
 

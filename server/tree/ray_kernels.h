@@ -10,15 +10,17 @@
 #include "server/geometry/ray.h"
 #include "server/geometry/triangles.h"
 #include "server/tree/collector.h"
+#include "server/tree/stop_poll.h"
 #include "server/tree/tree.h"
 #include "server/tree/wide_arrays.h"
 
 namespace deltaray {
 
-// What all kernels read.
+// What all kernels read, and whom they ask whether to go on.
 struct WideScene {
   const WideArrays& arrays;
   const TrianglesView& triangles;
+  StopPoll& stop;
 };
 
 // One target's kernels. Those that answer whole batches write an answer for every ray but the `odd` ones: those whose

@@ -54,6 +54,7 @@ class StreamTraversal {
       : base_(scene.arrays.block.data()),
         query_(query),
         odd_(odd),
+        stop_(scene.stop),
         setup_(scene.arrays),
         scratch_(StackEntries(scene.arrays.levels), 1, kStreamRays) {}
 
@@ -73,8 +74,10 @@ class StreamTraversal {
       if (mask == 0) continue;
       // What comes after this: mostly a neighbour of it, and too near to be asked for only when it is its turn.
       if (kPrefetch && size > 0) Prefetch(base_ + ChildRef(refs[size - 1]).offset() * kUnitBytes);
+      const auto sharing = static_cast<uint32_t>(std::popcount(mask));
+      if (HWY_UNLIKELY(stop_.Step(sharing))) break;
       ++entries;
-      shares += static_cast<size_t>(std::popcount(mask));
+      shares += sharing;
       const ChildRef ref(refs[size]);
       if (ref.IsLeaf()) {
         TakeLeaf(ref, mask);
@@ -144,6 +147,7 @@ class StreamTraversal {
   const std::byte* const base_;
   Query& query_;
   std::vector<uint32_t>* const odd_;
+  StopPoll& stop_;
   const Setup setup_;
   TraversalScratch scratch_;
   uint32_t active_ = 0;  // rays whose answer is not known yet

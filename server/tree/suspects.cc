@@ -41,7 +41,7 @@ void ClosestDecider::VisitAll(const RaySlot& ray, Collector& collector) const {
 }
 
 float ClosestDecider::DecideEarly(RaySlot& ray) {
-  ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_);
+  ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_, scene_.stop);
   VisitAll(ray, collector);
   ray.suspect_count = 0;
   if (collector.primitive() == kNoPrimitive) return ray.limit;
@@ -50,19 +50,19 @@ float ClosestDecider::DecideEarly(RaySlot& ray) {
 }
 
 void ClosestDecider::Decide(const RaySlot& ray) {
-  ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_);
+  ClosestCollector collector(scene_.triangles, rays_[ray.ray], options_, scene_.stop);
   VisitAll(ray, collector);
   hits_[ray.ray] = collector.hit();
 }
 
 void ClosestDecider::DecideOne(uint32_t ray, uint32_t primitive) {
-  ClosestCollector collector(scene_.triangles, rays_[ray], options_);
+  ClosestCollector collector(scene_.triangles, rays_[ray], options_, scene_.stop);
   collector.Visit(primitive);
   hits_[ray] = collector.hit();
 }
 
 bool AnyDecider::DecideEarly(RaySlot& ray) {
-  AnyCollector collector(scene_.triangles, rays_[ray.ray], options_);
+  AnyCollector collector(scene_.triangles, rays_[ray.ray], options_, scene_.stop);
   for (uint32_t i = 0; i < ray.suspect_count; ++i) collector.Visit(PrimitiveOf(scene_, ray.suspects[i]));
   ray.suspect_count = 0;
   return collector.any();

@@ -24,6 +24,10 @@ class TraversedTree : public Tree {
 
   const TrianglesView& triangles() const { return triangles_; }
 
+  // One ray of a query, which `stop` may end.
+  Hit ClosestHit(const Ray& ray, const QueryOptions& options, StopPoll& stop) const;
+  bool AnyHit(const Ray& ray, const QueryOptions& options, StopPoll& stop) const;
+
  private:
   // Brings all triangles that `ray` hits at an exact t <= collector.limit() to the collector, near ones first as far as
   // the structure knows. The ray has a direction and t_min <= t_max.

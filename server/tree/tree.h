@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -33,6 +34,10 @@ struct QueryOptions {
   Traversal traversal = Traversal::kAuto;
   // AllHits: most hits per ray, the nearest ones. At least 1.
   uint32_t max_hits_per_ray = 64;
+  // Where set, it is asked now and then on the query's thread, within a ray that takes long too: whether the answer is
+  // not wanted any more. Once it has returned true it must not return false again; the query then ends soon, and what
+  // it has written is of no meaning.
+  const std::function<bool()>* stopped = nullptr;
 };
 
 // Size and shape of a tree, counted once.

@@ -74,20 +74,22 @@ WideTree::WideTree(TrianglesView triangles, WideArrays arrays) : TraversedTree(t
 void WideTree::ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const {
   if (arrays_.levels == 0) return TraversedTree::ClosestHits(rays, options, hits);
   std::vector<uint32_t> odd;
-  KernelsNow(arrays_.target).closest_hits({arrays_, triangles()}, rays, options, hits, &odd);
-  for (const uint32_t i : odd) TraversedTree::ClosestHits(rays.subspan(i, 1), options, hits.subspan(i, 1));
+  StopPoll stop(options.stopped);
+  KernelsNow(arrays_.target).closest_hits({arrays_, triangles(), stop}, rays, options, hits, &odd);
+  for (const uint32_t i : odd) hits[i] = ClosestHit(rays[i], options, stop);
 }
 
 void WideTree::AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const {
   if (arrays_.levels == 0) return TraversedTree::AnyHits(rays, options, any);
   std::vector<uint32_t> odd;
-  KernelsNow(arrays_.target).any_hits({arrays_, triangles()}, rays, options, any, &odd);
-  for (const uint32_t i : odd) TraversedTree::AnyHits(rays.subspan(i, 1), options, any.subspan(i, 1));
+  StopPoll stop(options.stopped);
+  KernelsNow(arrays_.target).any_hits({arrays_, triangles(), stop}, rays, options, any, &odd);
+  for (const uint32_t i : odd) any[i] = AnyHit(rays[i], options, stop);
 }
 
 void WideTree::Traverse(const Ray& ray, Collector& collector) const {
   if (arrays_.levels == 0) return;
-  if (KernelsNow(arrays_.target).collect({arrays_, triangles()}, ray, collector)) return;
+  if (KernelsNow(arrays_.target).collect({arrays_, triangles(), collector.stop()}, ray, collector)) return;
 
   // The plain way, in double: slow, and right for every ray.
   struct Entry {
@@ -97,7 +99,7 @@ void WideTree::Traverse(const Ray& ray, Collector& collector) const {
   const Reader reader(arrays_);
   const BoxTest box_test(ray);
   absl::InlinedVector<Entry, 64> stack{{ChildRef::Node(0), 0}};
-  while (!stack.empty()) {
+  while (!stack.empty() && !collector.stop().Step()) {
     const Entry entry = stack.back();
     stack.pop_back();
     if (entry.first > collector.limit()) continue;

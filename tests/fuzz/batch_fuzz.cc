@@ -162,7 +162,7 @@ void Answer(const v1::RayQuery& message, const RayBatchBytes& rays, bool moved) 
   if (!query.ok()) return CheckRefusal(query.status(), {absl::StatusCode::kInvalidArgument});
   static Scene scene;
   const TreeSnapshot snapshot = scene.Snapshot(moved);
-  const absl::StatusOr<BatchAnswer> answer = AnswerBatch(snapshot, *query, rays, kLimits, [] { return false; });
+  const absl::StatusOr<BatchAnswer> answer = AnswerBatch(snapshot, *query, rays, kLimits, {});
   if (answer.ok()) {
     CheckHits(answer->hits, *query, rays.rays.size / query->RayBytes());
   } else {

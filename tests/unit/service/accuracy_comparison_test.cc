@@ -70,7 +70,7 @@ absl::StatusOr<v1::CompareAccuracyResponse> CompareOnWrongTree(const v1::Compare
   snapshot.tree = std::make_shared<WrongTree>(inner);
   const absl::StatusOr<ComparisonQuery> comparison = ReadComparison(request);
   if (!comparison.ok()) return comparison.status();
-  return CompareAccuracy(snapshot, *comparison, CopyRayBatch(request.rays()), 100, cancelled);
+  return CompareAccuracy(snapshot, *comparison, CopyRayBatch(request.rays()), 100, {cancelled});
 }
 
 TEST(AccuracyComparisonTest, CountsEachKindOfWrongAnswer) {

@@ -56,7 +56,7 @@ absl::StatusOr<v1::HitBatch> AnswerRays(const TreeSnapshot& snapshot, const Batc
   if (!cancelled) cancelled = [] { return false; };
   absl::StatusOr<BatchAnswer> answer = absl::UnknownError("not run");
   Tracer tracer(2);
-  tracer.Enqueue([&] { answer = AnswerBatch(snapshot, query, CopyRayBatch(batch), limits, cancelled); });
+  tracer.Enqueue([&] { answer = AnswerBatch(snapshot, query, CopyRayBatch(batch), limits, {cancelled}); });
   tracer.Stop();
   if (!answer.ok()) return answer.status();
   return ToHitBatch(answer->hits);
@@ -184,6 +184,70 @@ TEST_F(BatchAnswerTest, EndsSoonOnceCancelled) {
                                  [&asked] { return asked.fetch_add(1) >= 1; });
   EXPECT_EQ(answer.status().code(), absl::StatusCode::kCancelled);
   EXPECT_LE(asked.load(), 6);
+}
+
+// Answers few rays at once, by another tree; for more than `patient` it takes as long as it may, and leaves
+// nothing of use.
+class ReluctantTree final : public Tree {
+ public:
+  ReluctantTree(std::shared_ptr<const Tree> inner, size_t patient) : inner_(std::move(inner)), patient_(patient) {}
+
+  void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override {
+    if (!Waits(rays, options)) return inner_->ClosestHits(rays, options, hits);
+    std::fill(hits.begin(), hits.end(), Hit{.t = 1, .u = 1, .v = 1, .primitive = 4'000'000'000});
+  }
+  void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override {
+    if (!Waits(rays, options)) return inner_->AnyHits(rays, options, any);
+    std::fill(any.begin(), any.end(), uint8_t{77});
+  }
+  void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
+               std::span<uint32_t> counts) const override {
+    if (!Waits(rays, options)) return inner_->AllHits(rays, options, hits, counts);
+    hits->resize(hits->size() + 1000);
+    std::fill(counts.begin(), counts.end(), 4'000'000'000);
+  }
+  void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override {
+    if (!Waits(rays, options)) return inner_->CountHits(rays, options, counts);
+    std::fill(counts.begin(), counts.end(), 4'000'000'000);
+  }
+  AccuracyLevel answered_accuracy(AccuracyLevel level) const override { return inner_->answered_accuracy(level); }
+  TreeShape Shape() const override { return inner_->Shape(); }
+
+  mutable std::atomic<bool> waits{false};
+
+ private:
+  bool Waits(std::span<const Ray> rays, const QueryOptions& options) const {
+    if (rays.size() <= patient_) return false;
+    waits = true;
+    while (!(*options.stopped)()) {
+    }
+    return true;
+  }
+
+  const std::shared_ptr<const Tree> inner_;
+  const size_t patient_;
+};
+
+TEST_F(BatchAnswerTest, SlicesThatTakeTooLongAreTracedAgainWithFewerRays) {
+  TreeSnapshot slow = *snapshot_;
+  slow.tree = std::make_shared<ReluctantTree>(snapshot_->tree, 4);
+  const v1::RayBatch batch = Batch(Downwards(25));
+  for (const v1::QueryKind kind :
+       {v1::QUERY_KIND_CLOSEST_HIT, v1::QUERY_KIND_ANY_HIT, v1::QUERY_KIND_ALL_HITS, v1::QUERY_KIND_COUNT_HITS}) {
+    const auto answer = AnswerRays(slow, Query(kind, 3), batch);
+    const auto expected = AnswerRays(*snapshot_, Query(kind, 3), batch);
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_EQ(answer->SerializeAsString(), expected->SerializeAsString()) << kind;
+  }
+}
+
+TEST_F(BatchAnswerTest, EndsWithinARayOnceCancelled) {
+  TreeSnapshot slow = *snapshot_;
+  const auto tree = std::make_shared<ReluctantTree>(snapshot_->tree, 0);
+  slow.tree = tree;
+  const auto answer = AnswerRays(slow, Query(v1::QUERY_KIND_CLOSEST_HIT), Batch(Downwards(1)), {},
+                                 [tree] { return tree->waits.load(); });
+  EXPECT_EQ(answer.status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST_F(BatchAnswerTest, RaysAreInTheCoordinatesOfTheFile) {

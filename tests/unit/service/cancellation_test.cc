@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "grpcpp/create_channel_posix.h"
 #include "gtest/gtest.h"
@@ -131,6 +132,94 @@ TEST_F(CancellationTest, WorkStopsAtTheDeadlineOfTheCall) {
     EXPECT_GT(rays_begun_, before);
     return deadline;
   }));
+}
+
+// Triangles in one plane, one on the other: a ray through them has to decide exactly which of them comes first, which
+// takes milliseconds.
+class SlowMeshTest : public CancellationTest {
+ protected:
+  void StartWithStack() {
+    HookedStore::Hooks hooks;
+    hooks.on_query = [this](size_t) { ++queries_begun_; };
+    hooks.on_query_end = [this] { last_begun_ = steady_clock::now().time_since_epoch().count(); };
+    Start(std::move(hooks));
+    UploadSquares(1, 0, "squares");
+    std::string obj;
+    for (int i = 1; i <= 5000; ++i) {
+      absl::StrAppend(&obj, "v -1 -1 0\nv ", 4 + i * 0x1p-13, " -1 0\nv -1 ", 4 + i * 0x1p-14, " 0\nf -3 -2 -1\n");
+    }
+    v1::UploadHeader header;
+    header.set_name("stack");
+    v1::UploadMeshResponse response;
+    const grpc::Status status = Upload(obj, header, &response, 100'000);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    ASSERT_EQ(Cast("stack", v1::QUERY_KIND_CLOSEST_HIT, 1), StatusCode::OK);
+  }
+
+  StatusCode Cast(const std::string& mesh, v1::QueryKind kind, size_t rays, grpc::ClientContext* context) {
+    v1::CastRaysRequest request;
+    request.set_mesh(mesh);
+    request.mutable_query()->set_kind(kind);
+    request.mutable_query()->set_wait(v1::BUILD_WAIT_FINAL);
+    request.mutable_rays()->set_rays(RaysDownwards(rays));
+    v1::CastRaysResponse response;
+    return rays_->CastRays(context, request, &response).error_code();
+  }
+  StatusCode Cast(const std::string& mesh, v1::QueryKind kind, size_t rays) {
+    grpc::ClientContext context;
+    return Cast(mesh, kind, rays, &context);
+  }
+
+  std::atomic<int> queries_begun_{0};
+};
+
+TEST_F(SlowMeshTest, ManyRaysAtOnceStopSoonAfterTheClient) {
+  StartWithStack();
+  for (const v1::QueryKind kind : {v1::QUERY_KIND_CLOSEST_HIT, v1::QUERY_KIND_ALL_HITS, v1::QUERY_KIND_COUNT_HITS}) {
+    EXPECT_TRUE(StopsSoon([&] {
+      const int before = queries_begun_;
+      grpc::ClientContext context;
+      std::thread client([&] { EXPECT_EQ(Cast("stack", kind, 4000, &context), StatusCode::CANCELLED); });
+      EXPECT_TRUE(Eventually([&] { return queries_begun_ > before; }));
+      context.TryCancel();
+      const auto cancelled = steady_clock::now();
+      client.join();
+      return cancelled;
+    })) << kind;
+  }
+}
+
+TEST_F(SlowMeshTest, FewRaysDoNotHoldUpTheirConnection) {
+  StartWithStack();
+  const int before = queries_begun_;
+  std::atomic<bool> done{false};
+  std::thread client([&] {
+    EXPECT_EQ(Cast("stack", v1::QUERY_KIND_CLOSEST_HIT, 256), StatusCode::OK);
+    done = true;
+  });
+  EXPECT_TRUE(Eventually([&] { return queries_begun_ > before; }));
+  grpc::ClientContext context;
+  v1::GetMeshRequest request;
+  request.set_mesh("stack");
+  v1::GetMeshResponse response;
+  EXPECT_TRUE(meshes_->GetMesh(&context, request, &response).ok());
+  EXPECT_FALSE(done);
+  client.join();
+}
+
+TEST_F(SlowMeshTest, ShortBatchesDoNotWaitForThoseThatTurnOutLong) {
+  StartWithStack();
+  const int before = queries_begun_;
+  grpc::ClientContext contexts[4];
+  std::vector<std::thread> clients;
+  for (grpc::ClientContext& context : contexts) {
+    clients.emplace_back(
+        [&] { EXPECT_EQ(Cast("stack", v1::QUERY_KIND_CLOSEST_HIT, 16'000, &context), StatusCode::CANCELLED); });
+  }
+  EXPECT_TRUE(Eventually([&] { return queries_begun_ >= before + 2; }));
+  EXPECT_EQ(Cast("squares", v1::QUERY_KIND_CLOSEST_HIT, 1000), StatusCode::OK);
+  for (grpc::ClientContext& context : contexts) context.TryCancel();
+  for (std::thread& client : clients) client.join();
 }
 
 TEST_F(CancellationTest, CallsThatWaitedForATreeGiveTheirMemoryBack) {

@@ -52,8 +52,8 @@ TEST_F(RayHandlersTest, CastsAllKindsAsBruteForceDoes) {
       ASSERT_TRUE(status.ok()) << status.error_message();
       EXPECT_EQ(response.mesh_id(), id);
       EXPECT_TRUE(response.hits().final_tree());
-      const auto expected = AnswerBatch(*BruteForceSnapshot(Squares(10)), *ReadQuery(request.query()),
-                                        CopyRayBatch(batch), {}, [] { return false; });
+      const auto expected =
+          AnswerBatch(*BruteForceSnapshot(Squares(10)), *ReadQuery(request.query()), CopyRayBatch(batch), {}, {});
       ASSERT_TRUE(expected.ok()) << expected.status();
       ASSERT_EQ(response.hits().SerializeAsString(), ToHitBatch(expected->hits).SerializeAsString())
           << count << " of kind " << kind;

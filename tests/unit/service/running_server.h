@@ -26,28 +26,33 @@
 
 namespace deltaray {
 
-// Passes everything on to a tree, after a hook.
+// Passes everything on to a tree, between two hooks.
 class HookedTree final : public Tree {
  public:
-  HookedTree(std::shared_ptr<const TreeSnapshot> inner, std::function<void(size_t rays)> hook)
-      : inner_(std::move(inner)), hook_(std::move(hook)) {}
+  HookedTree(std::shared_ptr<const TreeSnapshot> inner, std::function<void(size_t rays)> begin,
+             std::function<void()> end)
+      : inner_(std::move(inner)), begin_(std::move(begin)), end_(std::move(end)) {}
 
   void ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const override {
-    hook_(rays.size());
+    begin_(rays.size());
     inner_->tree->ClosestHits(rays, options, hits);
+    end_();
   }
   void AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const override {
-    hook_(rays.size());
+    begin_(rays.size());
     inner_->tree->AnyHits(rays, options, any);
+    end_();
   }
   void AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
                std::span<uint32_t> counts) const override {
-    hook_(rays.size());
+    begin_(rays.size());
     inner_->tree->AllHits(rays, options, hits, counts);
+    end_();
   }
   void CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const override {
-    hook_(rays.size());
+    begin_(rays.size());
     inner_->tree->CountHits(rays, options, counts);
+    end_();
   }
   AccuracyLevel answered_accuracy(AccuracyLevel level) const override { return inner_->tree->answered_accuracy(level); }
   bool is_growing() const override { return inner_->tree->is_growing(); }
@@ -55,14 +60,16 @@ class HookedTree final : public Tree {
 
  private:
   const std::shared_ptr<const TreeSnapshot> inner_;
-  const std::function<void(size_t rays)> hook_;
+  const std::function<void(size_t rays)> begin_;
+  const std::function<void()> end_;
 };
 
-// A store whose trees call a hook before each query, and whose progress can be made up.
+// A store whose trees call hooks before and after each query, and whose progress can be made up.
 class HookedStore final : public MeshStore {
  public:
   struct Hooks {
     std::function<void(size_t rays)> on_query = [](size_t) {};
+    std::function<void()> on_query_end = [] {};
     std::function<void(BuildReport*)> on_watch = [](BuildReport*) {};
   };
 
@@ -86,7 +93,7 @@ class HookedStore final : public MeshStore {
     const auto on_tree = [this, callback](absl::StatusOr<Answer> answer) {
       if (answer.ok()) {
         auto hooked = std::make_shared<TreeSnapshot>(*answer->snapshot);
-        hooked->tree = std::make_shared<HookedTree>(answer->snapshot, hooks_.on_query);
+        hooked->tree = std::make_shared<HookedTree>(answer->snapshot, hooks_.on_query, hooks_.on_query_end);
         answer->snapshot = hooked;
       }
       callback(std::move(answer));

@@ -187,6 +187,13 @@ TEST_F(TreeBytesTest, AMeshWhoseTreeCanNotFitSaysSoAndDisturbsNobody) {
   EXPECT_THAT(answer.status().ToString(), HasSubstr("of 10000 triangles"));
   EXPECT_EQ(State(put->info.id), MeshState::kFailed);
   EXPECT_EQ(State(small), MeshState::kReady);
+  // Options that were chosen, and can never do, are refused, and leave what there is.
+  const std::string over = absl::StrCat("more than the limit of ", Options().tree_bytes, " bytes (--tree-bytes)");
+  ExpectOver(store_->Rebuild(small, MakeConfig(Builder::kKdTree, Preset::kBest)).status(), over);
+  EXPECT_EQ(State(small), MeshState::kReady);
+  EXPECT_EQ(store_->Get(small)->config.builder, Builder::kHybrid);
+  ExpectOver(Put(*store_, StripObj(3, 5000), "", MakeConfig(Builder::kHybrid, Preset::kBest)).status(), over);
+  EXPECT_EQ(store_->List("", 10).size(), 2u);
   // A config that takes less may do.
   Config config = MakeConfig(Builder::kHybrid, Preset::kFast);
   ASSERT_TRUE(store_->Rebuild(put->info.id, config).ok());
