@@ -11,8 +11,10 @@
 
 namespace deltaray {
 
-// Refuses calls over a limit with RESOURCE_EXHAUSTED. Reflection, and the health of the server and its services, are
-// not counted: they are answered however many calls there are. Thread-safe.
+// Refuses calls over a limit with RESOURCE_EXHAUSTED. A call counts until it is answered, so that a client that makes
+// one after the other takes one place; there are as many more places, and some, for answers that are on their way.
+// Reflection, and the health of the server and its services, are not counted: they are answered however many calls
+// there are. Thread-safe.
 class CallLimits final : public CallWatcher {
  public:
   struct Options {
@@ -25,12 +27,14 @@ class CallLimits final : public CallWatcher {
   explicit CallLimits(const Options& options) : options_(options) {}
 
   absl::Status OnBegin(RpcInfo& rpc) override;
+  void OnAnswer(const RpcInfo& rpc) override;
   void OnEnd(const RpcInfo& rpc, const absl::Status& status) override;
 
  private:
   const Options options_;
   Mutex mutex_;
   uint32_t calls_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint32_t answered_ ABSL_GUARDED_BY(mutex_) = 0;  // no longer in the other counts, but not ended
   uint32_t streams_ ABSL_GUARDED_BY(mutex_) = 0;
   uint32_t uploads_ ABSL_GUARDED_BY(mutex_) = 0;
   // Calls that were refused here and have not ended: they are not in the counts, or a client that asks again and again

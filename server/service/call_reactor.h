@@ -56,6 +56,7 @@ class CallReactor : public Reactor, public Call {
     status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
+    calls_->NoteAnswer(this);
     const LogScope scope(record().request_id);
     this->Finish(ToRpcStatus(status));
   }

@@ -31,13 +31,16 @@ struct RpcInfo {
   CallRecord* record = nullptr;  // set by Calls
 };
 
-// Thread-safe; neither method may block.
+// Thread-safe; no method may block.
 class CallWatcher {
  public:
   virtual ~CallWatcher() = default;
 
   // A call has come. Where not OK, the call ends with this status, and watchers after this one do not see it.
   virtual absl::Status OnBegin(RpcInfo& rpc) = 0;
+  // A call whose OnBegin was asked is about to be answered: once it is, its client may come again, before OnEnd. Comes
+  // once.
+  virtual void OnAnswer(const RpcInfo& /*rpc*/) {}
   // A call whose OnBegin was asked has ended; gRPC is done with it. `status` is what its client was told.
   virtual void OnEnd(const RpcInfo& rpc, const absl::Status& status) = 0;
 };

@@ -23,6 +23,15 @@ absl::Status Calls::Add(const std::shared_ptr<Call>& call, RpcInfo rpc) {
   return status.ok() && draining_ ? DrainingError() : status;
 }
 
+void Calls::NoteAnswer(const Call* call) {
+  UnderWay answered;
+  {
+    MutexLock lock(mutex_);
+    answered = calls_.find(call)->second;
+  }
+  while (answered.watched > 0) watchers_[--answered.watched]->OnAnswer(answered.rpc);
+}
+
 void Calls::Remove(const Call* call, const absl::Status& status) {
   UnderWay ended;
   {

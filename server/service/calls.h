@@ -51,6 +51,8 @@ class Calls {
 
   // Notes a call. Where not OK, because a watcher refuses it or the server drains, the call must end with this status.
   absl::Status Add(const std::shared_ptr<Call>& call, RpcInfo rpc);
+  // To be called once for each call, before it is answered.
+  void NoteAnswer(const Call* call);
   // Forgets a call that has ended, with `status`.
   void Remove(const Call* call, const absl::Status& status);
 

@@ -15,6 +15,7 @@
 #include "server/service/authenticator.h"
 #include "server/service/call_log.h"
 #include "server/service/calls.h"
+#include "server/service/connection_guard.h"
 #include "server/service/health.h"
 #include "server/service/listen_address.h"
 #include "server/service/listener.h"
@@ -95,6 +96,7 @@ class GrpcServer final : public Server {
         metrics_(std::move(metrics)),
         tracer_(options.threads),
         batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
+        connection_guard_(options.max_connection_calls),
         call_limits_(options.calls),
         calls_(Watchers(), options.idle_timeout),
         store_(std::move(store)),
@@ -176,7 +178,7 @@ class GrpcServer final : public Server {
  private:
   // In the order in which they are asked.
   std::vector<CallWatcher*> Watchers() {
-    std::vector<CallWatcher*> watchers{metrics_.get(), &call_log_};
+    std::vector<CallWatcher*> watchers{metrics_.get(), &call_log_, &connection_guard_};
     if (security_.authenticator != nullptr) watchers.push_back(security_.authenticator.get());
     watchers.push_back(&call_limits_);
     return watchers;
@@ -217,6 +219,7 @@ class GrpcServer final : public Server {
   Tracer tracer_;
   BatchBudget batch_budget_;
   CallLog call_log_;
+  ConnectionGuard connection_guard_;
   CallLimits call_limits_;
   Calls calls_;
   const std::unique_ptr<MeshStore> store_;

@@ -103,6 +103,22 @@ TEST_F(CallLimitsTest, RefusesCallsOfAnyKindOverTheLimitButNotHealthChecks) {
   EXPECT_TRUE(CallRaw("/grpc.health.v1.Health/Check", "", &response).ok());
 }
 
+TEST_F(CallLimitsTest, CallsThatFollowEachOtherTakeOnePlace) {
+  options_.calls.calls = options_.calls.streams = options_.calls.uploads = 1;
+  Start();
+  UploadSquares(1, 0, "squares");
+  for (int i = 0; i < 200; ++i) {
+    ASSERT_TRUE(List().ok()) << i;
+    v1::UploadMeshResponse response;
+    if (i % 10 == 0) ASSERT_TRUE(Upload(SquaresObj(1), {}, &response).ok()) << i;
+    grpc::ClientContext context;
+    const auto stream = OpenStream(&context);
+    ASSERT_TRUE(stream != nullptr) << i;
+    stream->WritesDone();
+    ASSERT_TRUE(stream->Finish().ok()) << i;
+  }
+}
+
 // Two more than a connection may have: gRPC's clients wait until there is room.
 TEST_F(CallLimitsTest, CallsOverTheLimitOfAConnectionWait) {
   options_.max_connection_calls = 2;
