@@ -139,9 +139,6 @@ void AddFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Limits", "max-upload-bytes", server.store.max_upload_bytes, "Bytes of one uploaded file")
       ->transform(size)
       ->check(CLI::Range(1.0, 1e15));
-  AddFlag(app, "Limits", "max-triangles", server.store.mesh_limits.max_triangles, "Triangles of one mesh")
-      ->check(CLI::Range(1.0, 2147483647.0));
-
   AddFlag(app, "Limits", "batch-bytes", server.batch_bytes,
           "Bytes of batches being answered and of replies not taken yet, over all clients; at least four messages")
       ->transform(size)
@@ -167,6 +164,27 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}));
   AddFlag(app, "Log", "log-format", flags.log_format, "Lines for people, or an object of JSON a line")
       ->check(CLI::IsMember({"text", "json"}));
+}
+
+// Limits on what one file holds.
+void AddMeshLimits(CLI::App& app, MeshLimits& limits) {
+  const auto size = CLI::AsSizeValue(false);
+  const CLI::Range count(1.0, 2147483647.0);
+  AddFlag(app, "Limits", "max-triangles", limits.max_triangles, "Triangles of one mesh")->check(count);
+  AddFlag(app, "Limits", "max-vertices", limits.max_vertices, "Vertices of one mesh")->check(count);
+  AddFlag(app, "Limits", "max-face-corners", limits.max_face_corners, "Corners of one polygon")
+      ->check(CLI::Range(3, 1 << 20));
+  AddFlag(app, "Limits", "max-line-bytes", limits.max_line_bytes, "Bytes of a line of a text format")
+      ->transform(size)
+      ->check(CLI::Range(1 << 10, 1 << 26));
+  AddFlag(app, "Limits", "max-groups", limits.max_groups, "Groups of one mesh")->check(CLI::Range(1, 1 << 20));
+  AddFlag(app, "Limits", "max-group-name-bytes", limits.max_group_name_bytes, "Bytes of the name of one group")
+      ->transform(size)
+      ->check(CLI::Range(1, 1 << 16));
+  AddFlag(app, "Limits", "max-group-bytes", limits.max_group_bytes,
+          "Bytes of the names of all groups of one mesh; at most a quarter of a message")
+      ->transform(size)
+      ->check(CLI::Range(1, 1 << 28));
 }
 
 // Limits of the store as a whole.
@@ -296,6 +314,7 @@ int Main(int argc, char** argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", std::string("deltarayd ") + DELTARAY_VERSION);
   AddFlags(app, flags);
+  AddMeshLimits(app, flags.server.store.mesh_limits);
   AddStoreLimits(app, flags.server.store);
   try {
     app.parse(argc, argv);

@@ -16,7 +16,7 @@ FaceCollector::FaceCollector(const ReadMeshOptions& options, uint32_t first_inde
 
 absl::Status FaceCollector::AddVertex(const Vec3d& position, Location where) {
   if (vertex_count() >= std::min(limits().max_vertices, kMaxMeshCount)) {
-    return OverLimit(where, absl::StrCat("vertex ", vertex_count()), "max_vertices", limits().max_vertices);
+    return OverLimit(where, absl::StrCat("vertex ", vertex_count()), "--max-vertices", limits().max_vertices);
   }
   for (int axis = 0; axis < 3; ++axis) {
     if (!std::isfinite(static_cast<float>(position[axis]))) {
@@ -32,12 +32,12 @@ absl::Status FaceCollector::AddVertex(const Vec3d& position, Location where) {
 absl::Status FaceCollector::AddFace(std::span<const uint32_t> corners, Location where) {
   if (corners.size() < 3) return Malformed(where, "a face needs 3 corners or more and has ", corners.size());
   if (corners.size() > limits().max_face_corners) {
-    return OverLimit(where, absl::StrCat("a face of ", corners.size(), " corners"), "max_face_corners",
+    return OverLimit(where, absl::StrCat("a face of ", corners.size(), " corners"), "--max-face-corners",
                      limits().max_face_corners);
   }
   triangle_count_ += corners.size() - 2;
   if (triangle_count_ > std::min(limits().max_triangles, kMaxMeshCount)) {
-    return OverLimit(where, absl::StrCat("triangle ", triangle_count_ - 1), "max_triangles", limits().max_triangles);
+    return OverLimit(where, absl::StrCat("triangle ", triangle_count_ - 1), "--max-triangles", limits().max_triangles);
   }
   if (absl::Status status = TakeMemory(corners.size()); !status.ok()) return status;
   for (const uint32_t corner : corners) {
@@ -60,7 +60,7 @@ absl::Status FaceCollector::AddFace(std::span<const uint32_t> corners, Location 
 
 absl::Status FaceCollector::SetGroup(absl::string_view name, Location where) {
   if (name.size() > limits().max_group_name_bytes) {
-    return OverLimit(where, absl::StrCat("a group name of ", name.size(), " bytes"), "max_group_name_bytes",
+    return OverLimit(where, absl::StrCat("a group name of ", name.size(), " bytes"), "--max-group-name-bytes",
                      limits().max_group_name_bytes);
   }
   group_name_ = ToValidUtf8(name);
@@ -78,11 +78,11 @@ absl::Status FaceCollector::EnterGroup(Location where) {
   const auto [entry, is_new] = group_index_.try_emplace(group_name_, mesh_.groups.size());
   if (is_new) {
     if (mesh_.groups.size() >= limits().max_groups) {
-      return OverLimit(where, absl::StrCat("group ", mesh_.groups.size()), "max_groups", limits().max_groups);
+      return OverLimit(where, absl::StrCat("group ", mesh_.groups.size()), "--max-groups", limits().max_groups);
     }
     group_bytes_ += group_name_.size();
     if (group_bytes_ > limits().max_group_bytes) {
-      return OverLimit(where, absl::StrCat("group names of ", group_bytes_, " bytes in all"), "max_group_bytes",
+      return OverLimit(where, absl::StrCat("group names of ", group_bytes_, " bytes in all"), "--max-group-bytes",
                        limits().max_group_bytes);
     }
     mesh_.groups.push_back(group_name_);

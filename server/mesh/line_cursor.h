@@ -30,7 +30,7 @@ class LineCursor {
     const absl::string_view rest = text_.substr(position_, *line_feed_ - position_);
     const size_t length = std::min(rest.find('\r'), rest.size());
     if (length > max_line_bytes_) {
-      return OverLimit(where(), absl::StrCat("the line has ", length, " bytes"), "max_line_bytes", max_line_bytes_);
+      return OverLimit(where(), absl::StrCat("the line has ", length, " bytes"), "--max-line-bytes", max_line_bytes_);
     }
     *line = rest.substr(0, length);
     position_ += length;

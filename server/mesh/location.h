@@ -31,9 +31,10 @@ absl::Status Malformed(Location where, const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat(where.ToString(), ": ", parts...));
 }
 
-// RESOURCE_EXHAUSTED: "line 3: WHAT, more than NAME = VALUE".
+// RESOURCE_EXHAUSTED: "line 3: WHAT, more than VALUE (NAME)". The name is the server's flag where there is one.
 inline absl::Status OverLimit(Location where, absl::string_view what, absl::string_view name, uint64_t value) {
-  return absl::ResourceExhaustedError(absl::StrCat(where.ToString(), ": ", what, ", more than ", name, " = ", value));
+  return absl::ResourceExhaustedError(
+      absl::StrCat(where.ToString(), ": ", what, ", more than ", value, " (", name, ")"));
 }
 
 // Text of the file in quotes, escaped to ASCII and cut short, so that it may stand in an error.

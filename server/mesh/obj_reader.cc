@@ -144,7 +144,7 @@ absl::StatusOr<bool> StatementFilter::NextStatement(absl::string_view* line) {
     while (absl::ConsumeSuffix(line, "\\")) {
       absl::StrAppend(&joined_, *line, " ");
       if (joined_.size() > collector_.limits().max_line_bytes) {
-        return OverLimit(statement_, "the line with its continuation lines is too long", "max_line_bytes",
+        return OverLimit(statement_, "the line with its continuation lines is too long", "--max-line-bytes",
                          collector_.limits().max_line_bytes);
       }
       more = lines_.Next(line);

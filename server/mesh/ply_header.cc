@@ -55,7 +55,7 @@ absl::Status ParseElement(absl::string_view rest, Location where, std::vector<Pl
   for (const PlyElement& other : *elements) {
     if (other.name == element.name) return Malformed(where, "element ", Quoted(element.name), " is there twice");
   }
-  if (elements->size() >= kMaxElements) return OverLimit(where, "an element", "the elements of a header", kMaxElements);
+  if (elements->size() >= kMaxElements) return OverLimit(where, "an element", "elements of a header", kMaxElements);
   elements->push_back(std::move(element));
   return absl::OkStatus();
 }
@@ -80,7 +80,7 @@ absl::Status ParseProperty(absl::string_view rest, Location where, std::vector<P
     return Malformed(where, "element ", Quoted(element.name), " has property ", Quoted(property.name), " twice");
   }
   if (element.properties.size() >= kMaxProperties) {
-    return OverLimit(where, "a property", "the properties of an element", kMaxProperties);
+    return OverLimit(where, "a property", "properties of an element", kMaxProperties);
   }
   element.properties.push_back(std::move(property));
   return absl::OkStatus();

@@ -55,13 +55,13 @@ absl::StatusOr<Plan> PlanFaces(const PlyElement& element) {
 absl::StatusOr<Plan> MakePlan(const PlyElement& element, const MeshLimits& limits) {
   if (element.name == "vertex") {
     if (element.count > limits.max_vertices) {
-      return OverLimit(element.where, absl::StrCat(element.count, " vertices"), "max_vertices", limits.max_vertices);
+      return OverLimit(element.where, absl::StrCat(element.count, " vertices"), "--max-vertices", limits.max_vertices);
     }
     return PlanVertices(element);
   }
   if (element.name == "face") {
     if (element.count > limits.max_triangles) {
-      return OverLimit(element.where, absl::StrCat(element.count, " faces"), "max_triangles", limits.max_triangles);
+      return OverLimit(element.where, absl::StrCat(element.count, " faces"), "--max-triangles", limits.max_triangles);
     }
     return PlanFaces(element);
   }

@@ -19,10 +19,10 @@ static_assert(std::endian::native == std::endian::little, "the arrays are copied
 absl::Status CheckLayout(const RawLayout& raw, const MeshLimits& limits, size_t size) {
   const Location start = Location::Byte(0);
   if (raw.vertex_count > std::min(limits.max_vertices, kMaxMeshCount)) {
-    return OverLimit(start, absl::StrCat(raw.vertex_count, " vertices"), "max_vertices", limits.max_vertices);
+    return OverLimit(start, absl::StrCat(raw.vertex_count, " vertices"), "--max-vertices", limits.max_vertices);
   }
   if (raw.triangle_count > std::min(limits.max_triangles, kMaxMeshCount)) {
-    return OverLimit(start, absl::StrCat(raw.triangle_count, " triangles"), "max_triangles", limits.max_triangles);
+    return OverLimit(start, absl::StrCat(raw.triangle_count, " triangles"), "--max-triangles", limits.max_triangles);
   }
   const uint64_t expected = raw.vertex_count * (raw.float64 ? 24 : 12) + raw.triangle_count * 12;
   if (size != expected) {

@@ -28,7 +28,7 @@ absl::Status ReadBinary(absl::string_view bytes, FaceCollector* collector) {
                      bytes.size());
   }
   if (count > collector->limits().max_triangles) {
-    return OverLimit(Location::Byte(kHeaderBytes - 4), absl::StrCat(count, " triangles"), "max_triangles",
+    return OverLimit(Location::Byte(kHeaderBytes - 4), absl::StrCat(count, " triangles"), "--max-triangles",
                      collector->limits().max_triangles);
   }
   collector->Reserve(0, count);

@@ -52,7 +52,7 @@ TEST(LineCursorTest, RefusesLongLines) {
   EXPECT_TRUE(cursor.Next(&line).ok());
   const absl::Status status = cursor.Next(&line).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(status.message(), "line 2: the line has 5 bytes, more than max_line_bytes = 4");
+  EXPECT_EQ(status.message(), "line 2: the line has 5 bytes, more than 4 (--max-line-bytes)");
 }
 
 // Looking for a line feed from each of the lines on takes time in proportion to the square of the file's size.

@@ -210,24 +210,24 @@ TEST(PlyReaderTest, HoldsToTheLimits) {
   const std::string good = std::string(kAsciiHeader) + kVertices + "4 0 1 2 3\n3 0 2 3\n";
   MeshLimits limits;
   limits.max_vertices = 3;
-  over(good, {"line 4", "4 vertices", "max_vertices = 3"}, limits);
+  over(good, {"line 4", "4 vertices", "3 (--max-vertices)"}, limits);
   limits = {};
   limits.max_triangles = 1;
-  over(good, {"line 8", "2 faces", "max_triangles = 1"}, limits);
+  over(good, {"line 8", "2 faces", "1 (--max-triangles)"}, limits);
   limits.max_triangles = 2;
-  over(good, {"line 16", "triangle 2", "max_triangles = 2"}, limits);
+  over(good, {"line 16", "triangle 2", "2 (--max-triangles)"}, limits);
   limits = {};
   limits.max_face_corners = 3;
-  over(good, {"line 15", "4 corners", "max_face_corners = 3"}, limits);
+  over(good, {"line 15", "4 corners", "3 (--max-face-corners)"}, limits);
   limits = {};
   limits.max_line_bytes = 37;
-  over(good, {"line 9", "38 bytes", "max_line_bytes = 37"}, limits);
+  over(good, {"line 9", "38 bytes", "37 (--max-line-bytes)"}, limits);
   std::string many = "ply\nformat ascii 1.0\nelement vertex 0\n";
   for (int i = 0; i <= 1024; ++i) many += "property int p" + std::to_string(i) + "\n";
-  over(many, {"line 1028", "the properties of an element = 1024"}, {});
+  over(many, {"line 1028", "1024 (properties of an element)"}, {});
   many = "ply\nformat ascii 1.0\n";
   for (int i = 0; i <= 1024; ++i) many += "element e" + std::to_string(i) + " 0\n";
-  over(many, {"line 1027", "the elements of a header = 1024"}, {});
+  over(many, {"line 1027", "1024 (elements of a header)"}, {});
 }
 
 }  // namespace

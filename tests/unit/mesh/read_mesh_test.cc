@@ -69,7 +69,7 @@ TEST(ReadMeshTest, RefusesWhatItCanNotTell) {
                 {"cannot be told", "a binary STL file it would have 184 bytes, not 134"});
   ExpectRefused("\xFF\xFEv\0 \0", MeshFormat::kDetect, code, {"byte 0", "UTF-16"});
   ExpectRefused(std::string(2'000'000, 'x'), MeshFormat::kDetect, absl::StatusCode::kResourceExhausted,
-                {"line 1", "max_line_bytes = 1048576"});
+                {"line 1", "1048576 (--max-line-bytes)"});
 }
 
 TEST(ReadMeshTest, CanBeCancelled) {

@@ -135,16 +135,16 @@ TEST(StlReaderTest, HoldsToTheLimits) {
   MeshLimits limits;
   limits.max_triangles = 1;
   ExpectRefused(Binary("", kSquare), MeshFormat::kStl, absl::StatusCode::kResourceExhausted,
-                {"byte 80", "2 triangles", "max_triangles = 1"}, limits);
-  ExpectRefused(kAscii, MeshFormat::kStl, absl::StatusCode::kResourceExhausted, {"line 17", "max_triangles = 1"},
+                {"byte 80", "2 triangles", "1 (--max-triangles)"}, limits);
+  ExpectRefused(kAscii, MeshFormat::kStl, absl::StatusCode::kResourceExhausted, {"line 17", "1 (--max-triangles)"},
                 limits);
   limits = {};
   limits.max_vertices = 3;
   ExpectRefused(Binary("", kSquare), MeshFormat::kStl, absl::StatusCode::kResourceExhausted,
-                {"byte 134", "max_vertices = 3"}, limits);
+                {"byte 134", "3 (--max-vertices)"}, limits);
   limits = {};
   limits.max_groups = 0;
-  ExpectRefused(kAscii, MeshFormat::kStl, absl::StatusCode::kResourceExhausted, {"line 8", "max_groups = 0"}, limits);
+  ExpectRefused(kAscii, MeshFormat::kStl, absl::StatusCode::kResourceExhausted, {"line 8", "0 (--max-groups)"}, limits);
 }
 
 }  // namespace

@@ -200,7 +200,7 @@ TEST_F(MeshHandlersTest, GroupsThatNoReplyCouldHoldAreRefused) {
   v1::UploadMeshResponse response;
   const grpc::Status status = Upload(GroupsObj(100), {}, &response);
   EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
-  EXPECT_THAT(status.error_message(), HasSubstr("max_group_bytes = 16384"));
+  EXPECT_THAT(status.error_message(), HasSubstr("16384 (--max-group-bytes)"));
 }
 
 TEST_F(MeshHandlersTest, UnknownMeshesAreNotFound) {
