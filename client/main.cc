@@ -56,7 +56,8 @@ int main(int argc, char** argv) {
       .show_progress = isatty(STDERR_FILENO) == 1,
       .stop = stop,
       .server = "127.0.0.1:7878",
-      .timeout_seconds = 10,
+      // Longer than the 10 s that a change may wait in the server for a lock, so that the server tells why.
+      .timeout_seconds = 15,
   };
   if (const char* const token = std::getenv("DELTARAY_TOKEN")) session.security.token = token;
   const int code = deltaray::RunCommandLine(argc, argv, session);

@@ -29,6 +29,9 @@ expect_refused 2 env DELTARAY_TLS_CERT= timeout 20 "$bin/deltarayd" --listen 127
 expect 0 "$bin/deltarayd" --help
 expect_text "$scratch/out" 'Examples?:'
 
+expect 0 client --help
+# Longer than a server waits for a lock, which is 10 s.
+expect_text "$scratch/out" '--timeout SECONDS.*=15$'
 expect_refused 2 client
 expect_refused 2 client no-such-command
 expect_refused 2 client --timeout nan list
