@@ -8,6 +8,7 @@
 #include "absl/strings/str_join.h"
 #include "client/enum_names.h"
 #include "client/named_option.h"
+#include "client/text_table.h"
 #include "google/protobuf/timestamp.pb.h"
 #include "google/protobuf/util/json_util.h"
 #include "google/protobuf/util/time_util.h"
@@ -50,7 +51,8 @@ std::string ValueText(const Message& message, const FieldDescriptor& field, int 
       return EnumName(*field.enum_type(), repeated ? reflection.GetRepeatedEnumValue(message, &field, index)
                                                    : reflection.GetEnumValue(message, &field));
     case FieldDescriptor::CPPTYPE_STRING:
-      return repeated ? reflection.GetRepeatedString(message, &field, index) : reflection.GetString(message, &field);
+      return Printable(repeated ? reflection.GetRepeatedString(message, &field, index)
+                                : reflection.GetString(message, &field));
     default:
       // The contract's messages that are shown have no fields of other types.
       return "";

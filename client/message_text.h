@@ -21,7 +21,8 @@ std::string JsonLine(const google::protobuf::Message& message);
 
 // The message as CSV (RFC 4180, lines ended by '\n'). Fields of nested messages have columns of their own,
 // "bounds.min.x"; elements of repeated messages are numbered, "phases.0.wall_seconds"; other repeated fields take one
-// column, joined by ';'. Enums have their short names, times RFC 3339; unset fields are empty.
+// column, joined by ';'. Enums have their short names, times RFC 3339; unset fields are empty. Control characters are
+// replaced, see Printable().
 std::string CsvHeader(const google::protobuf::Message& message);
 std::string CsvRow(const google::protobuf::Message& message);
 

@@ -14,6 +14,7 @@
 #include "client/exit_code.h"
 #include "client/hit_writer.h"
 #include "client/input_file.h"
+#include "client/mesh_key.h"
 #include "client/named_option.h"
 #include "client/progress_bar.h"
 #include "client/query_flags.h"
@@ -140,10 +141,7 @@ void AddCastCommand(CLI::App& app, CommandRun& run) {
   auto options = std::make_shared<CastOptions>();
   v1::RayQuery& query = *options->start.mutable_query();
   query.set_kind(v1::QUERY_KIND_CLOSEST_HIT);
-  command
-      .add_option_function<std::string>(
-          "MESH", [options](const std::string& mesh) { options->start.set_mesh(mesh); }, "Id or name")
-      ->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->start.set_mesh(mesh); });
   command.add_option("RAYS", options->rays_path, "File of rays; - for standard input")->capture_default_str();
   AddRaysFormatFlag(command, options->raw_layout);
   AddNamedOption<v1::QueryKind>(

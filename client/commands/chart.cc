@@ -15,6 +15,7 @@
 #include "client/connection.h"
 #include "client/exit_code.h"
 #include "client/generated_rays.h"
+#include "client/mesh_key.h"
 #include "client/message_text.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
@@ -182,10 +183,7 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("chart", "Chart speed against accuracy for a mesh and rays");
   auto options = std::make_shared<ChartOptions>();
   v1::RayQuery& query = *options->request.mutable_query();
-  command
-      .add_option_function<std::string>(
-          "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
-      ->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->request.set_mesh(mesh); });
   command.add_option("-o,--output", options->output_path, "SVG file to write")
       ->required()
       ->check(NotStandardOutput)

@@ -1,10 +1,9 @@
 #include <memory>
 #include <string>
 
-#include "absl/strings/str_cat.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
-#include "client/output_file.h"
+#include "client/mesh_key.h"
 
 namespace deltaray {
 namespace {
@@ -18,7 +17,7 @@ absl::Status Delete(const std::string& mesh, const Session& session) {
   absl::Status status = connection->CallOnce(
       mesh, [&](grpc::ClientContext* context) { return connection->meshes().DeleteMesh(context, request, &response); });
   if (!status.ok()) return status;
-  return WriteOutput(session.output, absl::StrCat(response.id(), "\n"));
+  return WriteMeshId(session, response.id());
 }
 
 }  // namespace
@@ -26,7 +25,7 @@ absl::Status Delete(const std::string& mesh, const Session& session) {
 void AddDeleteCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("delete", "Delete a mesh with all its names, and print its id");
   auto mesh = std::make_shared<std::string>();
-  command.add_option("MESH", *mesh, "Id or name")->required();
+  AddMeshArgument(command, [mesh](const std::string& key) { *mesh = key; });
   command.footer(
       "Example:\n"
       "  deltaray delete bunny");

@@ -5,6 +5,7 @@
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/exit_code.h"
+#include "client/mesh_key.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
 
@@ -36,7 +37,8 @@ void AddHealthCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("health", "Tell whether the server takes calls, or a mesh can be asked now");
   auto mesh = std::make_shared<std::string>();
   command.add_option("MESH", *mesh, "Id or name. Default: the server as a whole, which needs no token")
-      ->check(NotEmpty);
+      ->check(NotEmpty)
+      ->check(Utf8);
   command.footer(
       "Exit code 0: it serves; 1: it does not now. A mesh without a tree gets one built.\n"
       "\n"

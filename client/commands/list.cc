@@ -1,8 +1,10 @@
 #include <memory>
+#include <set>
 #include <string>
 
 #include "client/commands/commands.h"
 #include "client/connection.h"
+#include "client/exit_code.h"
 #include "client/mesh_text.h"
 #include "client/message_text.h"
 #include "client/output_file.h"
@@ -29,12 +31,17 @@ absl::Status List(DataFormat format, const Session& session) {
   v1::ListMeshesResponse all;
   v1::ListMeshesRequest request;
   request.set_page_size(kPageSize);
+  std::set<std::string> tokens;
   do {
     v1::ListMeshesResponse page;
     absl::Status status = connection->CallAgain(
         "", [&](grpc::ClientContext* context) { return connection->meshes().ListMeshes(context, request, &page); });
     if (!status.ok()) return status;
     request.set_page_token(page.next_page_token());
+    // The same pages would come for ever.
+    if (!tokens.insert(page.next_page_token()).second) {
+      return LocalError("the server's answer has the token of a page that was there already");
+    }
     if (format == DataFormat::kTable) {
       all.MergeFrom(page);
     } else {

@@ -1,11 +1,10 @@
 #include <memory>
 #include <string>
 
-#include "absl/strings/str_cat.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/exit_code.h"
-#include "client/output_file.h"
+#include "client/mesh_key.h"
 
 namespace deltaray {
 namespace {
@@ -30,7 +29,7 @@ absl::Status Name(const NameOptions& options, const Session& session) {
     return connection->meshes().NameMesh(context, request, &response);
   });
   if (!status.ok() || response.previous_id().empty()) return status;
-  return WriteOutput(session.output, absl::StrCat(response.previous_id(), "\n"));
+  return WriteMeshId(session, response.previous_id());
 }
 
 }  // namespace
@@ -39,8 +38,8 @@ void AddNameCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command =
       *app.add_subcommand("name", "Point a name at a mesh, and print the id that it pointed at before, if any");
   auto options = std::make_shared<NameOptions>();
-  command.add_option("NAME", options->name, "The name")->required();
-  command.add_option("MESH", options->mesh, "Id or name of the mesh");
+  command.add_option("NAME", options->name, "The name")->required()->check(Utf8);
+  command.add_option("MESH", options->mesh, "Id or name of the mesh")->check(Utf8);
   command.add_flag("--remove", options->remove, "Take the name away; the mesh stays");
   command.footer(
       "Examples:\n"

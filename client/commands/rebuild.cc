@@ -1,12 +1,11 @@
 #include <memory>
 #include <string>
 
-#include "absl/strings/str_cat.h"
 #include "client/build_flags.h"
 #include "client/build_watcher.h"
 #include "client/commands/commands.h"
 #include "client/connection.h"
-#include "client/output_file.h"
+#include "client/mesh_key.h"
 
 namespace deltaray {
 namespace {
@@ -24,7 +23,7 @@ absl::Status Rebuild(const RebuildOptions& options, const Session& session) {
     return connection->meshes().RebuildMesh(context, options.request, &response);
   });
   if (!status.ok()) return status;
-  status = WriteOutput(session.output, absl::StrCat(response.mesh().id(), "\n"));
+  status = WriteMeshId(session, response.mesh().id());
   if (!status.ok() || !options.wait) return status;
   return WatchBuild(*connection, session, response.mesh().id());
 }
@@ -35,10 +34,7 @@ void AddRebuildCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command =
       *app.add_subcommand("rebuild", "Build a mesh's tree anew with the given options, and print the mesh's id");
   auto options = std::make_shared<RebuildOptions>();
-  command
-      .add_option_function<std::string>(
-          "MESH", [options](const std::string& mesh) { options->request.set_mesh(mesh); }, "Id or name")
-      ->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->request.set_mesh(mesh); });
   AddBuildFlags(command, [options]() -> v1::BuildOptions& { return *options->request.mutable_build_options(); });
   command.add_flag("--wait", options->wait, "Wait until the tree is built");
   command.footer(

@@ -16,6 +16,7 @@
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/exit_code.h"
+#include "client/mesh_key.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
 #include "client/png_image.h"
@@ -202,10 +203,7 @@ void AddRenderCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("render", "Render a picture of a mesh");
   auto options = std::make_shared<RenderOptions>();
   options->start.mutable_query()->set_kind(v1::QUERY_KIND_CLOSEST_HIT);
-  command
-      .add_option_function<std::string>(
-          "MESH", [options](const std::string& mesh) { options->start.set_mesh(mesh); }, "Id or name")
-      ->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->start.set_mesh(mesh); });
   command.add_option("-o,--output", options->output_path, "PNG file to write; - for standard output")->required();
   AddCameraFlags(command, options->camera);
   AddNamedOption<Shade>(

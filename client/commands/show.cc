@@ -3,6 +3,7 @@
 
 #include "client/commands/commands.h"
 #include "client/connection.h"
+#include "client/mesh_key.h"
 #include "client/mesh_text.h"
 #include "client/message_text.h"
 #include "client/output_file.h"
@@ -40,7 +41,7 @@ absl::Status Show(const ShowOptions& options, const Session& session) {
 void AddShowCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("show", "Show all about one mesh");
   auto options = std::make_shared<ShowOptions>();
-  command.add_option("MESH", options->mesh, "Id or name")->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->mesh = mesh; });
   AddFormatFlag(command, options->format);
   command.footer(
       "Examples:\n"

@@ -3,6 +3,7 @@
 
 #include "client/commands/commands.h"
 #include "client/connection.h"
+#include "client/mesh_key.h"
 #include "client/message_text.h"
 #include "client/output_file.h"
 #include "client/stats_text.h"
@@ -40,7 +41,7 @@ absl::Status Stats(const StatsOptions& options, const Session& session) {
 void AddStatsCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("stats", "Print the statistics of a mesh's last build");
   auto options = std::make_shared<StatsOptions>();
-  command.add_option("MESH", options->mesh, "Id or name")->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->mesh = mesh; });
   AddFormatFlag(command, options->format);
   command.footer(
       "Examples:\n"

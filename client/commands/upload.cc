@@ -12,6 +12,7 @@
 #include "client/exit_code.h"
 #include "client/file_digest.h"
 #include "client/input_file.h"
+#include "client/mesh_key.h"
 #include "client/named_option.h"
 #include "client/output_file.h"
 #include "client/progress_bar.h"
@@ -121,8 +122,8 @@ absl::Status Upload(const UploadOptions& options, const Session& session) {
   if (!status.ok()) return status;
   // The id goes out before all else: the mesh is stored, whether or not the rest can be told, and however the build
   // ends.
-  status = WriteOutput(session.output, absl::StrCat(response.mesh().id(), "\n"));
-  status.Update(TellUploaded(session, file->name(), response));
+  status = WriteMeshId(session, response.mesh().id());
+  if (!response.mesh().id().empty()) status.Update(TellUploaded(session, file->name(), response));
   if (!status.ok() || !options.wait) return status;
   return WatchBuild(*connection, session, response.mesh().id());
 }
@@ -156,8 +157,10 @@ void AddUploadCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("upload", "Upload a mesh and print its id");
   auto options = std::make_shared<UploadOptions>();
   command.add_option("FILE", options->path, "OBJ, PLY, STL or raw file; - for standard input")->required();
-  command.add_option_function<std::string>(
-      "--name", [options](const std::string& name) { options->header.set_name(name); }, "Name to give to the mesh");
+  command
+      .add_option_function<std::string>(
+          "--name", [options](const std::string& name) { options->header.set_name(name); }, "Name to give to the mesh")
+      ->check(Utf8);
   AddEnumOption<v1::MeshFormat>(
       command, "--format", [options](v1::MeshFormat format) { options->header.set_format(format); },
       "Format of the file [detected: obj, ply or stl]");

@@ -6,6 +6,7 @@
 #include "client/commands/commands.h"
 #include "client/connection.h"
 #include "client/enum_names.h"
+#include "client/mesh_key.h"
 #include "client/message_text.h"
 #include "client/output_file.h"
 #include "client/text_table.h"
@@ -48,7 +49,7 @@ absl::Status Watch(const WatchOptions& options, const Session& session) {
 void AddWatchCommand(CLI::App& app, CommandRun& run) {
   CLI::App& command = *app.add_subcommand("watch", "Follow the build of a mesh's tree to its end");
   auto options = std::make_shared<WatchOptions>();
-  command.add_option("MESH", options->mesh, "Id or name")->required();
+  AddMeshArgument(command, [options](const std::string& mesh) { options->mesh = mesh; });
   AddFormatFlag(command, options->format);
   command.footer(
       "json and csv give one line a report; table gives one line at the end.\n"

@@ -16,6 +16,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
+using ::testing::Not;
 using ::testing::StartsWith;
 
 TEST_F(CommandsTest, UploadSendsSizeChecksumAndOptions) {
@@ -177,6 +178,75 @@ TEST_F(CommandsTest, DeletePrintsTheId) {
   EXPECT_EQ(session_.Run({"delete", "cube"}), 0);
   EXPECT_EQ(session_.TakeOutput(), id + "\n");
   EXPECT_EQ(session_.Run({"delete", "cube"}), 69);
+}
+
+TEST_F(CommandsTest, ListEndsWhereAPageComesAgain) {
+  AddMesh("cube");
+  server_.behaviour.page_token = "again";
+  for (const char* const format : {"table", "json", "csv"}) {
+    EXPECT_EQ(session_.Run({"list", "--format", format}), 1);
+    EXPECT_EQ(session_.TakeMessages(),
+              "deltaray: the server's answer has the token of a page that was there already\n");
+  }
+}
+
+TEST_F(CommandsTest, AnswersWithoutAnIdAreRefused) {
+  AddMesh("cube");
+  server_.behaviour.no_ids = true;
+  session_.SetInput("v");
+  EXPECT_EQ(session_.Run({"upload", "-", "--wait"}), 1);
+  EXPECT_EQ(session_.TakeMessages(), "deltaray: the server's answer has no mesh id\n");
+  EXPECT_EQ(session_.Run({"rebuild", "cube", "--wait"}), 1);
+  EXPECT_EQ(session_.Run({"delete", "cube"}), 1);
+  EXPECT_EQ(session_.TakeOutput(), "");
+}
+
+TEST_F(CommandsTest, IdsAndNamesOfTheServerCannotDriveTheTerminal) {
+  const auto add = [&](const std::string& id) {
+    v1::Mesh& mesh = server_.mesh_service.meshes[id];
+    mesh.set_id(id);
+    mesh.add_names("cube");
+    mesh.add_warnings("\033[2J\x7F\xC2\x9B");
+  };
+  add("a\033[2J");
+  for (const char* const command : {"list", "show", "stats", "watch"}) {
+    for (const char* const format : {"table", "csv", "json"}) {
+      if (command == std::string("list")) {
+        EXPECT_EQ(session_.Run({command, "--format", format}), 0);
+      } else {
+        EXPECT_EQ(session_.Run({command, "cube", "--format", format}), 0);
+      }
+      const std::string output = session_.TakeOutput();
+      EXPECT_THAT(output, Not(HasSubstr("\033"))) << command << format;
+      EXPECT_THAT(output, Not(HasSubstr("\x7F"))) << command << format;
+      EXPECT_THAT(output, Not(HasSubstr("\xC2\x9B"))) << command << format;
+    }
+  }
+  EXPECT_EQ(session_.Run({"rebuild", "cube"}), 0);
+  EXPECT_EQ(session_.TakeOutput(), "a?[2J\n");
+  EXPECT_EQ(session_.Run({"name", "--remove", "cube"}), 0);
+  EXPECT_EQ(session_.TakeOutput(), "a?[2J\n");
+  add("a\033[2J");
+  EXPECT_EQ(session_.Run({"delete", "cube"}), 0);
+  EXPECT_EQ(session_.TakeOutput(), "a?[2J\n");
+}
+
+TEST_F(CommandsTest, IdsAndNamesThatAreNotUtf8AreRefused) {
+  for (const char* const text : {"\xFF\xFE", "a\xC3", "\xC0\x80", "\xE0\x80\x80", "\xED\xA0\x80", "\xF0\x80\x80\x80",
+                                 "\xF4\x90\x80\x80", "\xE2\x82", "\x80"}) {
+    for (const char* const command : {"show", "watch", "stats", "rebuild", "delete", "health", "cast"}) {
+      EXPECT_EQ(session_.Run({command, text}), 2) << command;
+      EXPECT_THAT(session_.TakeMessages(), StartsWith("MESH: is not UTF-8\n"));
+    }
+    EXPECT_EQ(session_.Run({"render", text, "-o", "-"}), 2);
+    EXPECT_EQ(session_.Run({"chart", text, "-o", "x.svg"}), 2);
+    EXPECT_EQ(session_.Run({"name", text, "cube"}), 2);
+    EXPECT_EQ(session_.Run({"name", "cube", text}), 2);
+    EXPECT_EQ(session_.Run({"upload", "-", "--name", text}), 2);
+  }
+  for (const char* const text : {"größe", "\xEF\xBF\xBD", "\xED\x9F\xBF", "\xF0\x90\x80\x80", "\xF4\x8F\xBF\xBF"}) {
+    EXPECT_EQ(session_.Run({"show", text}), 69) << text;
+  }
 }
 
 TEST_F(CommandsTest, WatchFollowsToTheEnd) {

@@ -36,6 +36,10 @@ struct FakeBehaviour {
   // UploadMesh: so many calls fail with this after the header.
   grpc::Status upload_status;
   int upload_failures = std::numeric_limits<int>::max();
+  // ListMeshes: the token of every page, where not empty.
+  std::string page_token;
+  // UploadMesh, RebuildMesh and DeleteMesh answer without an id.
+  bool no_ids = false;
   // ListMeshes sleeps so long.
   int list_delay_ms = 0;
 };

@@ -65,6 +65,7 @@ class FakeMeshService : public v1::MeshService::Service {
     mesh.set_state(v1::MESH_STATE_BUILDING);
     mesh.add_warnings("a face was \033[31mred");
     meshes[mesh.id()] = mesh;
+    if (behaviour->no_ids) mesh.clear_id();
     *response->mutable_mesh() = mesh;
     response->set_created(true);
     return grpc::Status::OK;
@@ -88,6 +89,7 @@ class FakeMeshService : public v1::MeshService::Service {
     auto it = request->page_token().empty() ? meshes.begin() : meshes.upper_bound(request->page_token());
     for (; it != meshes.end() && response->meshes_size() < 2; ++it) *response->add_meshes() = it->second;
     if (it != meshes.end()) response->set_next_page_token(response->meshes(1).id());
+    if (!behaviour->page_token.empty()) response->set_next_page_token(behaviour->page_token);
     return grpc::Status::OK;
   }
 
@@ -112,6 +114,7 @@ class FakeMeshService : public v1::MeshService::Service {
     if (mesh == nullptr) return NotFound(request->mesh());
     response->set_id(mesh->id());
     meshes.erase(response->id());
+    if (behaviour->no_ids) response->clear_id();
     return grpc::Status::OK;
   }
 
@@ -122,6 +125,7 @@ class FakeMeshService : public v1::MeshService::Service {
     if (mesh == nullptr) return NotFound(request->mesh());
     last_rebuild = *request;
     *response->mutable_mesh() = *mesh;
+    if (behaviour->no_ids) response->mutable_mesh()->clear_id();
     return grpc::Status::OK;
   }
 
