@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/exit_code.h"
@@ -38,6 +39,16 @@ std::chrono::system_clock::time_point After(double seconds) {
 absl::Status Unreachable(const Session& session, absl::string_view reason) {
   return FromRpc(grpc::Status(grpc::StatusCode::UNAVAILABLE,
                               absl::StrCat("cannot reach deltarayd at ", session.server, ": ", reason)));
+}
+
+// Whether the channel, which has failed, found no address for the server's name. Only gRPC knows: with a proxy it looks
+// for that one's. It tells no more than by the text of a call.
+bool IsUnresolved(const std::shared_ptr<grpc::Channel>& channel) {
+  grpc::ClientContext context;
+  context.set_deadline(After(1));
+  grpc::health::v1::HealthCheckResponse response;
+  const grpc::Status status = grpc::health::v1::Health::NewStub(channel)->Check(&context, {}, &response);
+  return absl::StartsWith(status.error_message(), "DNS resolution failed");
 }
 
 // Why no connection came about.
@@ -103,9 +114,10 @@ absl::StatusOr<Connection> Connection::Open(const Session& session) {
     const grpc_connectivity_state state = channel->GetState(/*try_to_connect=*/true);
     if (state == GRPC_CHANNEL_READY) break;
     if (state == GRPC_CHANNEL_TRANSIENT_FAILURE) {
+      const bool unresolved = IsUnresolved(channel);
       // It would go on trying while the reason is looked for, and into the end of the process.
       channel.reset();
-      return Unreachable(session, Reason(session, tls));
+      return Unreachable(session, unresolved ? "its name cannot be resolved" : Reason(session, tls));
     }
     if (session.stop.fired()) return Interrupted();
     const auto now = std::chrono::system_clock::now();
@@ -153,6 +165,11 @@ void Connection::Wait(std::chrono::milliseconds time) const {
 }
 
 absl::Status Connection::Result(const grpc::Status& status) {
+  // As 502, 503 and 504 of HTTP, in words of gRPC's own.
+  if (absl::StartsWith(status.error_message(), "Received http2 header with status: 50")) {
+    return FromRpc({status.error_code(), absl::StrCat(status.error_message(), "; a proxy answered at ",
+                                                      session_->server, ", and no server behind it")});
+  }
   if (status.error_code() != grpc::StatusCode::CANCELLED) return FromRpc(status);
   if (stop().fired()) return Interrupted();
   return FromRpc({grpc::StatusCode::UNAVAILABLE, absl::StrCat("the server ended: ", status.error_message())});

@@ -28,6 +28,14 @@ TEST(CommandLineTest, ServerThatIsNotThere) {
             "deltaray: cannot reach deltarayd at 127.0.0.1:1: no server answers there (UNAVAILABLE)\n");
 }
 
+// No name server has to be asked of this one.
+TEST(CommandLineTest, NameThatCannotBeResolved) {
+  TestSession session("no..name:1");
+  EXPECT_EQ(session.Run({"list"}), 64 + 14);
+  EXPECT_EQ(session.TakeMessages(),
+            "deltaray: cannot reach deltarayd at no..name:1: its name cannot be resolved (UNAVAILABLE)\n");
+}
+
 TEST(CommandLineTest, ThatNobodyListensIsToldAtOnce) {
   const auto is_soon = [] {
     const auto start = std::chrono::steady_clock::now();

@@ -106,6 +106,15 @@ TEST_F(ConnectionTest, OnlyUploadsOfFilesWithoutANameAreRepeated) {
   EXPECT_EQ(session_.Run({"upload", "-", "--format", "obj"}), 78);
 }
 
+TEST_F(ConnectionTest, ProxiesWithoutAServerAreToldApart) {
+  absl::StatusOr<Connection> connection = Connection::Open(session_.session());
+  ASSERT_TRUE(connection.ok()) << connection.status();
+  const grpc::Status status(grpc::StatusCode::UNAVAILABLE, "Received http2 header with status: 502");
+  EXPECT_EQ(connection->Result(status).message(), "Received http2 header with status: 502; a proxy answered at " +
+                                                      server_.address() + ", and no server behind it");
+  EXPECT_EQ(ExitCode(connection->Result(status)), 78);
+}
+
 // Else a token in plaintext would leave the machine. At port 1 there is no proxy.
 TEST_F(ConnectionTest, NoProxyIsAskedForThisMachine) {
   setenv("http_proxy", "http://127.0.0.1:1", 1);
