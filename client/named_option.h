@@ -1,4 +1,4 @@
-// Options that take one of a few names, and a check of numbers.
+// Options that take one of a few names, and checks of numbers and files.
 
 #ifndef CLIENT_NAMED_OPTION_H_
 #define CLIENT_NAMED_OPTION_H_
@@ -7,12 +7,14 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 #include "CLI/App.hpp"
+#include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
 
 namespace deltaray {
@@ -24,6 +26,16 @@ inline std::string NotNan(const std::string& number) {
 
 // A path or a name that is given, but empty, as where a script's variable is not set.
 inline std::string NotEmpty(const std::string& text) { return text.empty() ? "is empty" : ""; }
+
+// A check of the name of a file that is written in one format only, the one of `extension`, which has its dot. Names
+// without one, as of devices and pipes, pass.
+inline auto NoOtherExtension(const std::string& extension) {
+  return [extension](const std::string& path) -> std::string {
+    const std::string given = std::filesystem::path(path).extension().string();
+    if (given.empty() || absl::EqualsIgnoreCase(given, extension)) return "";
+    return "the name of the file must end in " + extension + ", which is the only format";
+  };
+}
 
 // CLI11 takes negative numbers of 64 bits for great ones, and too great ones for the greatest.
 inline std::string WholeNumber(const std::string& number) {

@@ -1,6 +1,7 @@
 #include "client/query_flags.h"
 
 #include "client/enum_names.h"
+#include "client/exit_code.h"
 #include "client/named_option.h"
 
 namespace deltaray {
@@ -19,6 +20,12 @@ void AddRayFlags(CLI::App& command, v1::RayQuery& query) {
           "--t-max", [&query](const float& t) { query.set_t_max(t); },
           "End of the interval of t, inclusive, likewise [inf]")
       ->check(NotNan);
+}
+
+absl::Status CheckInterval(const v1::RayQuery& query) {
+  const bool own = query.layout() == v1::RAY_LAYOUT_FLOAT32X8 || query.layout() == v1::RAY_LAYOUT_FLOAT64X8;
+  if (!own || (!query.has_t_min() && !query.has_t_max())) return absl::OkStatus();
+  return UsageError("--t-min and --t-max are for rays without t_min and t_max of their own");
 }
 
 void AddRaysFormatFlag(CLI::App& command, std::optional<v1::RayLayout>& layout) {

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "CLI/App.hpp"
+#include "absl/status/status.h"
 #include "deltaray/v1/ray_service.pb.h"
 
 namespace deltaray {
@@ -22,6 +23,9 @@ constexpr size_t kDefaultBatchRays = 16384;
 
 // Adds --cull, --t-min and --t-max, which set their fields of `query`.
 void AddRayFlags(CLI::App& command, v1::RayQuery& query);
+
+// A UsageError where --t-min or --t-max is given and the rays of query.layout() have intervals of their own.
+absl::Status CheckInterval(const v1::RayQuery& query);
 
 // Adds --rays-format, which sets `layout`; nullopt, the default, is CSV.
 void AddRaysFormatFlag(CLI::App& command, std::optional<v1::RayLayout>& layout);

@@ -102,6 +102,7 @@ absl::Status Cast(const CastOptions& options, const Session& session) {
   const auto rays = OpenRays(options.rays_path, options.raw_layout, session);
   if (!rays.ok()) return rays.status();
   query.set_layout((*rays)->layout());
+  if (absl::Status interval = CheckInterval(query); !interval.ok()) return interval;
   const auto excluded = OpenExcluded(options, session);
   if (!excluded.ok()) return excluded.status();
   auto connection = Connection::Open(session);

@@ -52,6 +52,7 @@ absl::Status ReadRays(const ChartOptions& options, const Session& session, v1::C
   const auto rays = OpenRays(options.rays_path, options.raw_layout, session);
   if (!rays.ok()) return rays.status();
   request->mutable_query()->set_layout((*rays)->layout());
+  if (absl::Status interval = CheckInterval(request->query()); !interval.ok()) return interval;
   const size_t ray_bytes = RayBytes((*rays)->layout());
   const size_t most = std::min(kMaxBatchRays, (kMaxMessageBytes - kQueryBytes) / ray_bytes);
   std::string* const bytes = request->mutable_rays()->mutable_rays();
@@ -187,7 +188,8 @@ void AddChartCommand(CLI::App& app, CommandRun& run) {
   command.add_option("-o,--output", options->output_path, "SVG file to write")
       ->required()
       ->check(NotStandardOutput)
-      ->check(NotEmpty);
+      ->check(NotEmpty)
+      ->check(NoOtherExtension(".svg"));
   command.add_option("--csv", options->csv_path, "CSV file to write, a row a level")
       ->check(NotStandardOutput)
       ->check(NotEmpty);

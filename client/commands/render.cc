@@ -204,7 +204,9 @@ void AddRenderCommand(CLI::App& app, CommandRun& run) {
   auto options = std::make_shared<RenderOptions>();
   options->start.mutable_query()->set_kind(v1::QUERY_KIND_CLOSEST_HIT);
   AddMeshArgument(command, [options](const std::string& mesh) { options->start.set_mesh(mesh); });
-  command.add_option("-o,--output", options->output_path, "PNG file to write; - for standard output")->required();
+  command.add_option("-o,--output", options->output_path, "PNG file to write; - for standard output")
+      ->required()
+      ->check(NoOtherExtension(".png"));
   AddCameraFlags(command, options->camera);
   AddNamedOption<Shade>(
       command, "--shade", {{"lambert", Shade::kLambert}, {"normal", Shade::kNormal}, {"depth", Shade::kDepth}},

@@ -178,6 +178,11 @@ TEST_F(ChartTest, RefusesBadOptionsAndFiles) {
   EXPECT_THAT(session_.TakeMessages(), HasSubstr("--csv: the measurements go to standard output; name a file"));
   EXPECT_EQ(session_.Run({"chart", "missing", "-o", svg_.path()}), 69);
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/no/such/folder/x.svg"}), 1);
+  session_.TakeMessages();
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", "/no/such/folder/x.png"}), 2);
+  EXPECT_THAT(session_.TakeMessages(), HasSubstr("must end in .svg"));
+  session_.SetInput("0,0,5,0,0,-1,0,9\n");
+  EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-", "--t-max", "1"}), 2);
   session_.SetInput("");
   EXPECT_EQ(session_.Run({"chart", "plane", "-o", svg_.path(), "--rays", "-"}), 1);
   EXPECT_EQ(svg_.Read(), "");

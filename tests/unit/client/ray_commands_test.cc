@@ -120,6 +120,15 @@ TEST_F(CommandsTest, CastRefusesContradictoryOptions) {
   EXPECT_EQ(session_.Run({"cast", "cube", "--batch", "0"}), 2);
   EXPECT_EQ(session_.Run({"cast", "cube", "--batch", "1048577"}), 2);
   EXPECT_EQ(session_.Run({"cast", "cube", "--kind", "nearest"}), 2);
+  session_.TakeMessages();
+  for (const char* const flag : {"--t-min", "--t-max"}) {
+    session_.SetInput("0,0,5,0,0,-1,0,9\n");
+    EXPECT_EQ(session_.Run({"cast", "cube", flag, "1"}), 2);
+    EXPECT_EQ(session_.TakeMessages(),
+              "deltaray: --t-min and --t-max are for rays without t_min and t_max of their own\n");
+  }
+  session_.SetInput(std::string(32, '\0'));
+  EXPECT_EQ(session_.Run({"cast", "cube", "--rays-format", "f32x8", "--t-max", "1"}), 2);
 }
 
 // The plane z = 0 fills a picture taken from above it.
@@ -162,7 +171,8 @@ TEST_F(CommandsTest, RenderRefusesBadOptions) {
   EXPECT_THAT(session_.TakeMessages(), HasSubstr("stands at 1e+39,0,0, beyond the range of float32"));
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--fov", "180"}), 2);
   EXPECT_EQ(session_.Run({"render", "cube", "-o", "-", "--up", "0,0,0"}), 2);
-  EXPECT_EQ(session_.Run({"render", "cube", "-o", "/no/such/folder/x.png"}), 1);
+  EXPECT_EQ(session_.Run({"render", "cube", "-o", "/no/such/folder/x.PNG"}), 1);
+  EXPECT_EQ(session_.Run({"render", "cube", "-o", "/no/such/folder/x.jpg"}), 2);
   EXPECT_EQ(session_.TakeOutput(), "");
 }
 
