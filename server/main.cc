@@ -6,13 +6,14 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
-#include <filesystem>
-#include <fstream>
+#include <iostream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,6 +23,7 @@
 #include "server/service/exit_deadline.h"
 #include "server/service/listen_address.h"
 #include "server/service/log.h"
+#include "server/service/port_file.h"
 #include "server/service/security_options.h"
 #include "server/service/server.h"
 #include "spdlog/sinks/stdout_color_sinks.h"
@@ -220,17 +222,6 @@ void KeepFreedMessages() {
   mallopt(M_TRIM_THRESHOLD, 64 << 20);
 }
 
-// Written beside and renamed, so that whoever waits for the file never sees half a number.
-bool WritePortFile(const std::string& path, int port) {
-  const std::string temporary = path + ".tmp";
-  std::ofstream file(temporary);
-  file << port << '\n';
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(temporary, path, error);
-  return file && !error;
-}
-
 // Tells the version and every flag, given or not. None of them is a secret: those name files.
 void LogConfiguration(const CLI::App& app) {
   std::vector<std::pair<std::string, std::string>> values{{"version", DELTARAY_VERSION}};
@@ -253,9 +244,9 @@ void OpenStandardStreams() {
   if (file >= 0) close(file);
 }
 
-// An empty value would leave the server open, where a variable was meant to hold the path.
-absl::Status CheckSecurityPaths(const CLI::App& app) {
-  for (const char* name : {"--tls-cert", "--tls-key", "--tls-client-ca", "--token-file"}) {
+// An empty value, where a variable was meant to hold the path, would leave the server open or without its meshes.
+absl::Status CheckPaths(const CLI::App& app) {
+  for (const char* name : {"--data-dir", "--tls-cert", "--tls-key", "--tls-client-ca", "--token-file"}) {
     const CLI::Option* const option = app.get_option(name);
     const char* const variable = std::getenv(option->get_envname().c_str());
     const bool empty_flag = option->count() > 0 && option->as<std::string>().empty();
@@ -285,9 +276,11 @@ int Run(const Flags& flags) {
     spdlog::critical("cannot start: {}", std::string(server.status().message()));
     return kFailure;
   }
-  if (!flags.port_file.empty() && !WritePortFile(flags.port_file, (*server)->port())) {
-    spdlog::critical("cannot write the port to {}", flags.port_file);
-    return kFailure;
+  if (!flags.port_file.empty()) {
+    if (absl::Status status = WritePortFile(flags.port_file, (*server)->port()); !status.ok()) {
+      spdlog::critical("{}", std::string(status.message()));
+      return kFailure;
+    }
   }
   LogEvent(spdlog::level::info, "listens",
            {{"address", options.listen},
@@ -319,10 +312,13 @@ int Main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? 0 : kUsage;
+    if (app.exit(e) != 0) return kUsage;
+    if (std::cout.flush()) return 0;
+    std::fprintf(stderr, "deltarayd: cannot write standard output: %s\n", std::strerror(errno));
+    return kFailure;
   }
   const ServerOptions& server = flags.server;
-  absl::Status status = CheckSecurityPaths(app);
+  absl::Status status = CheckPaths(app);
   if (status.ok()) status = ValidateSecurity(server.security, server.listen, flags.insecure_listen);
   if (!status.ok()) {
     std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());

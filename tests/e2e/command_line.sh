@@ -26,6 +26,8 @@ done
 expect_refused 2 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other" --token-file ''
 expect_text "$scratch/err" 'token-file: is given, but empty'
 expect_refused 2 env DELTARAY_TLS_CERT= timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other"
+expect_refused 2 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir ''
+expect_text "$scratch/err" 'data-dir: is given, but empty'
 expect 0 "$bin/deltarayd" --help
 expect_text "$scratch/out" 'Examples?:'
 
@@ -47,10 +49,18 @@ done
 # Standard streams that are closed: nothing else takes their place.
 with_closed_output() { "$@" >&-; }
 with_closed_input() { "$@" <&-; }
+with_full_output() { "$@" >/dev/full; }
 expect_refused 1 with_closed_output client health
 expect_text "$scratch/err" 'cannot write standard output: Bad file descriptor'
 expect_refused 1 with_closed_input client upload -
 expect_text "$scratch/err" 'cannot read standard input: Bad file descriptor'
+
+for flag in --help --version; do
+  expect_refused 1 with_full_output "$bin/deltarayd" "$flag"
+  expect_text "$scratch/err" 'cannot write standard output: No space left on device'
+done
+expect_refused 1 timeout 20 "$bin/deltarayd" --listen 127.0.0.1:0 --data-dir "$scratch/other" --port-file "$scratch"
+expect_text "$scratch/err" "cannot write $scratch: Is a directory"
 
 expect_refused 1 client upload "$scratch/no-such-file.obj"
 expect_refused 1 client cast mesh "$scratch/no-such-rays.csv"
