@@ -29,7 +29,7 @@ absl::StatusOr<absl::string_view> TokenOf(const grpc::CallbackServerContext& con
         "this server answers calls that carry a token only: metadata 'authorization: Bearer TOKEN'");
   }
   const absl::string_view value(first->second.data(), first->second.size());
-  if (std::next(first) != last || !absl::StartsWithIgnoreCase(value, kScheme)) {
+  if (std::next(first) != last || !absl::StartsWithIgnoreCase(value, kScheme) || value.size() == kScheme.size()) {
     return absl::UnauthenticatedError("the metadata 'authorization' must be there once and of the form 'Bearer TOKEN'");
   }
   return value.substr(kScheme.size());

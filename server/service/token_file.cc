@@ -34,6 +34,8 @@ absl::StatusOr<TokenTable> TokenTable::Parse(absl::string_view text) {
       return LineError(number, "behind the role must stand the SHA-256 of a token, 64 hexadecimal digits, and no more");
     }
     Entry entry{absl::AsciiStrToLower(words[1]), words[0] == "read" ? Role::kRead : Role::kWrite};
+    // A pipeline makes it of a file of a token that is empty, and would let in whoever says no more than "Bearer ".
+    if (entry.digest == Sha256::Hex("")) return LineError(number, "this is the SHA-256 of an empty token");
     if (std::ranges::find(table.entries_, entry.digest, &Entry::digest) != table.entries_.end()) {
       return LineError(number, "this token is on an earlier line already");
     }

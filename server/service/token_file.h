@@ -29,7 +29,7 @@ enum class Role {
 class TokenTable {
  public:
   // INVALID_ARGUMENT, naming the line but nothing that may be a token, where the text is not of the form above, lists
-  // one token twice, or none at all.
+  // one token twice, an empty one, or none at all.
   static absl::StatusOr<TokenTable> Parse(absl::string_view text);
 
   // The role of a token; nothing where it is not listed. Takes as long for every token of a length.

@@ -91,6 +91,7 @@ TEST_F(AuthenticatorTest, NobodyGetsInWithoutATokenOfTheFile) {
     }
   }
   EXPECT_THAT(List({}).error_message(), HasSubstr("authorization: Bearer TOKEN"));
+  EXPECT_THAT(List({"Bearer "}).error_message(), HasSubstr("of the form 'Bearer TOKEN'"));
   EXPECT_THAT(List({"Bearer wrong"}).error_message(), HasSubstr("not one that this server knows"));
 }
 

@@ -39,6 +39,7 @@ TEST(TokenFileTest, NamesTheLineOfAnErrorAndNothingThatMayBeAToken) {
                                    {"read", "SHA-256"},
                                    {"read " + Sha256::Hex("x") + " secret-token", "no more"},
                                    {"read " + Sha256::Hex("x").substr(1) + "g", "SHA-256"},
+                                   {Line("write", ""), "the SHA-256 of an empty token"},
                                    {Line("write", "alice"), "earlier line"}}) {
     const auto table = TokenTable::Parse(good + text);
     ASSERT_FALSE(table.ok()) << text;
