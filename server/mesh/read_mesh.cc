@@ -43,6 +43,18 @@ absl::StatusOr<MeshFormat> Detect(absl::string_view bytes, const MeshLimits& lim
   }
 }
 
+const char* FormatName(MeshFormat format) {
+  return format == MeshFormat::kObj ? "OBJ" : format == MeshFormat::kPly ? "PLY" : "STL";
+}
+
+// The error of reading the bytes in the format that was asked for, which names the one that they look like.
+absl::Status WithFormatHint(const absl::Status& status, absl::string_view bytes, const ReadMeshOptions& options) {
+  const absl::StatusOr<MeshFormat> looks = Detect(bytes, options.limits);
+  if (options.format == MeshFormat::kDetect || !looks.ok() || *looks == options.format) return status;
+  return absl::Status(status.code(), absl::StrCat(status.message(), "; it was read as ", FormatName(options.format),
+                                                  ", but looks like ", FormatName(*looks)));
+}
+
 absl::StatusOr<ReadMeshResult> Read(absl::string_view bytes, const ReadMeshOptions& options) {
   absl::StatusOr<MeshFormat> format = options.format;
   if (*format == MeshFormat::kDetect) format = Detect(bytes, options.limits);
@@ -54,7 +66,7 @@ absl::StatusOr<ReadMeshResult> Read(absl::string_view bytes, const ReadMeshOptio
   if (*format == MeshFormat::kObj) status = ReadObj(bytes, &collector);
   if (*format == MeshFormat::kPly) status = ReadPly(bytes, &collector);
   if (*format == MeshFormat::kStl) status = ReadStl(bytes, &collector);
-  if (!status.ok()) return status;
+  if (!status.ok()) return WithFormatHint(status, bytes, options);
   absl::StatusOr<ReadMeshResult> result = collector.Finish();
   if (result.ok()) result->format = *format;
   return result;

@@ -2,6 +2,7 @@
 
 #include <cctype>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -70,6 +71,19 @@ TEST(ReadMeshTest, RefusesWhatItCanNotTell) {
   ExpectRefused("\xFF\xFEv\0 \0", MeshFormat::kDetect, code, {"byte 0", "UTF-16"});
   ExpectRefused(std::string(2'000'000, 'x'), MeshFormat::kDetect, absl::StatusCode::kResourceExhausted,
                 {"line 1", "1048576 (--max-line-bytes)"});
+}
+
+TEST(ReadMeshTest, TellsWhereAnotherFormatWasMeant) {
+  const auto code = absl::StatusCode::kInvalidArgument;
+  ExpectRefused(kStl, MeshFormat::kPly, code, {"line 1: ", "; it was read as PLY, but looks like STL"});
+  ExpectRefused(kPly, MeshFormat::kObj, code, {"; it was read as OBJ, but looks like PLY"});
+  ExpectRefused(kObj, MeshFormat::kStl, code, {"; it was read as STL, but looks like OBJ"});
+  constexpr uint32_t kTriangles = 40'000;
+  std::string binary(84 + 50 * kTriangles, '\0');
+  std::memcpy(binary.data() + 80, &kTriangles, sizeof(kTriangles));
+  ExpectRefused(binary, MeshFormat::kPly, absl::StatusCode::kResourceExhausted,
+                {"line 1: the line has 2000084 bytes", "; it was read as PLY, but looks like STL"});
+  EXPECT_THAT(std::string(Read("ply\n", MeshFormat::kPly).status().message()), testing::Not(HasSubstr("looks like")));
 }
 
 TEST(ReadMeshTest, CanBeCancelled) {
