@@ -31,13 +31,15 @@ absl::Status Malformed(Location where, const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat(where.ToString(), ": ", parts...));
 }
 
-// RESOURCE_EXHAUSTED: "line 3: WHAT, more than VALUE (NAME)". The name is the server's flag where there is one.
+// RESOURCE_EXHAUSTED: "WHERE: WHAT, more than VALUE (NAME)". The name is the server's flag where there is one.
+inline absl::Status OverLimit(absl::string_view where, absl::string_view what, absl::string_view name, uint64_t value) {
+  return absl::ResourceExhaustedError(absl::StrCat(where, ": ", what, ", more than ", value, " (", name, ")"));
+}
 inline absl::Status OverLimit(Location where, absl::string_view what, absl::string_view name, uint64_t value) {
-  return absl::ResourceExhaustedError(
-      absl::StrCat(where.ToString(), ": ", what, ", more than ", value, " (", name, ")"));
+  return OverLimit(where.ToString(), what, name, value);
 }
 
-// Text of the file in quotes, escaped to ASCII and cut short, so that it may stand in an error.
+// Text of the file, or of a client, in quotes, escaped to ASCII and cut short, so that it may stand in an error.
 inline std::string Quoted(absl::string_view text) {
   constexpr size_t kLongest = 40;
   return absl::StrCat("\"", absl::CHexEscape(text.substr(0, kLongest)), text.size() > kLongest ? "..." : "", "\"");

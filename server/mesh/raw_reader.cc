@@ -17,12 +17,14 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "the arrays are copied as they are");
 
 absl::Status CheckLayout(const RawLayout& raw, const MeshLimits& limits, size_t size) {
-  const Location start = Location::Byte(0);
+  // By the fields of an upload's header: the file is not to blame.
   if (raw.vertex_count > std::min(limits.max_vertices, kMaxMeshCount)) {
-    return OverLimit(start, absl::StrCat(raw.vertex_count, " vertices"), "--max-vertices", limits.max_vertices);
+    return OverLimit("header.raw_layout.vertex_count", absl::StrCat(raw.vertex_count, " vertices"), "--max-vertices",
+                     limits.max_vertices);
   }
   if (raw.triangle_count > std::min(limits.max_triangles, kMaxMeshCount)) {
-    return OverLimit(start, absl::StrCat(raw.triangle_count, " triangles"), "--max-triangles", limits.max_triangles);
+    return OverLimit("header.raw_layout.triangle_count", absl::StrCat(raw.triangle_count, " triangles"),
+                     "--max-triangles", limits.max_triangles);
   }
   const uint64_t expected = raw.vertex_count * (raw.float64 ? 24 : 12) + raw.triangle_count * 12;
   if (size != expected) {

@@ -7,6 +7,7 @@
 #include "absl/strings/strip.h"
 #include "deltaray/v1/mesh_service.grpc.pb.h"
 #include "deltaray/v1/ray_service.grpc.pb.h"
+#include "server/mesh/location.h"
 #include "server/service/health_watch.h"
 #include "server/service/message_bytes.h"
 #include "server/service/unary_call.h"
@@ -20,8 +21,11 @@ using grpc::health::v1::HealthCheckResponse;
 constexpr char kMeshPrefix[] = "mesh/";
 constexpr uint64_t kReplyBytes = 64;  // far more than one takes
 
-absl::StatusOr<HealthCheckResponse> Answer(Health::Status status) {
-  if (status == HealthCheckResponse::SERVICE_UNKNOWN) return absl::NotFoundError("no such service or mesh");
+absl::StatusOr<HealthCheckResponse> Answer(const Health& health, absl::string_view service) {
+  const Health::Status status = health.Of(service);
+  if (status == HealthCheckResponse::SERVICE_UNKNOWN) {
+    return absl::NotFoundError(absl::StrCat("no such service or mesh: ", Quoted(service)));
+  }
   HealthCheckResponse response;
   response.set_status(status);
   return response;
@@ -51,10 +55,10 @@ grpc::ServerUnaryReactor* HealthHandlers::Check(grpc::CallbackServerContext* con
   if (parsed.ok() && Health::IsMesh(message.service())) {
     return AnswerUnary<HealthCheckRequest, HealthCheckResponse>(
         calls_, {"Health/Check", context}, nullptr, kReplyBytes, request, response,
-        [this](const HealthCheckRequest& request) { return Answer(health_.Of(request.service())); });
+        [this](const HealthCheckRequest& request) { return Answer(health_, request.service()); });
   }
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  const absl::StatusOr<HealthCheckResponse> answer = parsed.ok() ? Answer(health_.Of(message.service())) : parsed;
+  const absl::StatusOr<HealthCheckResponse> answer = parsed.ok() ? Answer(health_, message.service()) : parsed;
   if (answer.ok()) *response = SerializeMessage(*answer);
   reactor->Finish(ToRpcStatus(answer.status()));
   return reactor;

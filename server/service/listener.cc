@@ -100,6 +100,7 @@ absl::Status Listener::BindTcp(const std::string& address) {
     getsockname(socket_file, reinterpret_cast<sockaddr*>(&name), &length);
     port_ = ntohs(port);
   }
+  address_ = absl::StrCat(address.substr(0, colon + 1), port_);
   return sockets_.empty() ? Unavailable(address, reason) : absl::OkStatus();
 }
 
@@ -124,6 +125,7 @@ absl::Status Listener::BindUnix(const std::string& path) {
     sockets_.clear();
     return Unavailable(address, reason);
   }
+  address_ = address;
   unix_path_ = path;
   unix_inode_ = stat(path.c_str(), &file) == 0 ? file.st_ino : 0;
   return absl::OkStatus();

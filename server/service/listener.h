@@ -41,6 +41,8 @@ class Listener {
   // Lets no more connections in, and closes the sockets. To be called before the server is shut down.
   void Stop();
 
+  // As given to Open, with the port that was picked.
+  const std::string& address() const { return address_; }
   // The port of the first address; 0 for unix:path.
   int port() const { return port_; }
   // The limit that holds.
@@ -71,6 +73,7 @@ class Listener {
 
   const uint32_t max_connections_;
   std::vector<int> sockets_;
+  std::string address_;
   std::string unix_path_;           // to be removed at the end
   ino_t unix_inode_ = 0;            // of the socket there that is ours
   std::atomic<uint64_t> heard_{0};  // connections accepted

@@ -186,7 +186,7 @@ class GrpcServer final : public Server {
 
   // For the watchdog; empty: nothing.
   std::string WhatIsWrong() const {
-    if (!listener_->Hears(kPatience)) return absl::StrCat("connections to ", options_.listen, " are not accepted");
+    if (!listener_->Hears(kPatience)) return absl::StrCat("connections to ", listener_->address(), " are not accepted");
     if (wake_call_->Waiting() > kPatience) return "gRPC does not answer a call of our own";
     return "";
   }

@@ -15,6 +15,7 @@ absl::StatusOr<std::shared_ptr<MeshEntry>> Catalog::Find(absl::string_view mesh)
   MutexLock lock(mutex_);
   absl::string_view id = mesh;
   if (!IsMeshId(mesh)) {
+    if (mesh.empty()) return absl::NotFoundError("mesh: is empty; it must be a mesh id or a name");
     // A name that may not be one is not repeated in the text.
     if (!ValidateMeshName(mesh).ok()) return absl::NotFoundError("no mesh: neither a mesh id nor a valid name");
     const auto name = names_.find(mesh);

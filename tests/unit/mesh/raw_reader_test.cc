@@ -101,10 +101,10 @@ TEST(RawReaderTest, HoldsToTheLimits) {
   const auto code = absl::StatusCode::kResourceExhausted;
   MeshLimits limits;
   limits.max_vertices = 2;
-  RefuseRaw("", {3, 1, false}, code, {"3 vertices", "2 (--max-vertices)"}, limits);
+  RefuseRaw("", {3, 1, false}, code, {"header.raw_layout.vertex_count: 3 vertices", "2 (--max-vertices)"}, limits);
   limits = {};
   limits.max_triangles = 0;
-  RefuseRaw("", {3, 1, false}, code, {"1 triangles", "0 (--max-triangles)"}, limits);
+  RefuseRaw("", {3, 1, false}, code, {"header.raw_layout.triangle_count: 1 triangles", "0 (--max-triangles)"}, limits);
   // Counts whose sizes would wrap round.
   RefuseRaw("", {uint64_t{1} << 62, 0, false}, code, {"--max-vertices"});
   RefuseRaw("", {0, ~uint64_t{0}, true}, code, {"--max-triangles"});

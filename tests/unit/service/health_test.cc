@@ -84,6 +84,8 @@ TEST_F(HealthTest, AMeshServesOnceItCanAnswerRays) {
   HealthCheckResponse health;
   EXPECT_EQ(Check("mesh/squares", &health).error_code(), StatusCode::NOT_FOUND);
   EXPECT_EQ(Check("mesh/", &health).error_code(), StatusCode::NOT_FOUND);
+  EXPECT_EQ(Told("mesh/squares"), "no such service or mesh: \"mesh/squares\"");
+  EXPECT_EQ(Told("\x1b" + std::string(100, 'x')), "no such service or mesh: \"\\x1b" + std::string(39, 'x') + "...\"");
 }
 
 TEST_F(HealthTest, AMeshThatWaitsForItsTurnOrFailsDoesNotServe) {

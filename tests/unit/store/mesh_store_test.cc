@@ -237,6 +237,7 @@ TEST(MeshStoreTest, NamesMove) {
     EXPECT_EQ(store->Name("a\n", one).status().code(), absl::StatusCode::kInvalidArgument);
     EXPECT_EQ(store->Name(one, two).status().code(), absl::StatusCode::kInvalidArgument);
     EXPECT_EQ(store->Get("a\n").status().code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(store->Get("").status(), absl::NotFoundError("mesh: is empty; it must be a mesh id or a name"));
     // A name never becomes a path.
     EXPECT_EQ(*store->Name("../../escape", one), "");
   }
