@@ -166,6 +166,8 @@ absl::Status SyncFolder(const std::string& path) {
   return absl::OkStatus();
 }
 
+absl::Status SyncFolderOf(const std::string& path) { return SyncFolder(FolderOf(path)); }
+
 absl::Status RemoveFile(const std::string& path) { return RemoveFiles({&path, 1}); }
 
 absl::Status RemoveFiles(std::span<const std::string> paths) {
@@ -177,7 +179,7 @@ absl::Status RemoveFiles(std::span<const std::string> paths) {
       return FileError(errno, "remove", path);
     }
   }
-  return any ? SyncFolder(FolderOf(paths.front())) : absl::OkStatus();
+  return any ? SyncFolderOf(paths.front()) : absl::OkStatus();
 }
 
 absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {
@@ -226,7 +228,7 @@ absl::Status TemporaryFile::Sync() {
 absl::Status TemporaryFile::MoveTo(const std::string& path) {
   if (rename(path_.c_str(), path.c_str()) != 0) return FileError(errno, "rename a temporary to", path);
   path_.clear();
-  return SyncFolder(FolderOf(path));
+  return SyncFolderOf(path);
 }
 
 absl::StatusOr<FileDescriptor> TemporaryFile::TakeUnnamed() && {

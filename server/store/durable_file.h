@@ -58,6 +58,8 @@ absl::Status WriteAll(const FileDescriptor& file, absl::string_view bytes, const
 absl::Status MakeFolder(const std::string& path);
 // Makes what was made, renamed and removed in the folder durable.
 absl::Status SyncFolder(const std::string& path);
+// The same for the folder that the file lies in.
+absl::Status SyncFolderOf(const std::string& path);
 // Removes a file and makes that durable. OK where there is none.
 absl::Status RemoveFile(const std::string& path);
 // The same for files of one folder, at the cost of one.

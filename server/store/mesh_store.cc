@@ -56,8 +56,10 @@ class Store final : public MeshStore {
  private:
   MeshInfo InfoWithGroups(const MeshEntry& entry) const;
 
-  // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh.
-  absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files) ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
+  // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh. After an error
+  // what is in memory is what is on disk, and each name points at what it pointed at before or at the mesh.
+  absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files, DroppedEntries* dropped)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
 
   void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
@@ -156,10 +158,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     Upload::Committed committed;
     committed.created = !directory_.catalog().Find(id).ok();
     if (absl::Status status = CheckLimits(upload, committed.created); !status.ok()) return status;
-    if (absl::Status status = MoveFiles(upload, files); !status.ok()) {
-      if (committed.created) RemoveMeshFiles(id).IgnoreError();
-      return status;
-    }
+    if (absl::Status status = MoveFiles(upload, files, &dropped); !status.ok()) return status;
 
     const bool is_new = !entry;  // to memory: the mesh of a lost file is so again
     if (is_new) {
@@ -220,12 +219,24 @@ EntryPointer Store::MakeEntry(MeshInfo info) const {
   return std::make_shared<MeshEntry>(std::move(info), std::move(path), &queue_, tree_budget_.get());
 }
 
-absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files) {
+absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files, DroppedEntries* dropped) {
   const std::string& id = upload.info.id;
-  absl::Status status;
-  if (files.mesh) status = files.mesh->MoveTo(directory_.files().MeshPath(id));
-  if (status.ok() && files.config) status = files.config->MoveTo(directory_.files().ConfigPath(id));
-  if (status.ok() && files.name) status = files.name->MoveTo(directory_.files().NamePath(upload.name));
+  const DataDirectory& disk = directory_.files();
+  const bool was_there = disk.HasMesh(id);
+  // What is there already may not be synced: its server may have died, or failed, right after it moved the file.
+  const auto move = [](std::optional<TemporaryFile>& file, const std::string& place) {
+    return file ? file->MoveTo(place) : SyncFolderOf(place);
+  };
+  absl::Status status = move(files.mesh, disk.MeshPath(id));
+  if (status.ok() && upload.config) status = move(files.config, disk.ConfigPath(id));
+  if (!status.ok()) {
+    if (!was_there) RemoveMeshFiles(id).IgnoreError();
+  } else if (!upload.name.empty()) {
+    // From here on a name may point at the mesh, which therefore stays.
+    status = files.name->MoveTo(disk.NamePath(upload.name));
+    if (!status.ok()) directory_.ReadName(upload.name).IgnoreError();
+  }
+  if (!status.ok()) directory_.ReadMesh(id, dropped).IgnoreError();
   return status;
 }
 
@@ -266,18 +277,22 @@ absl::StatusOr<std::string> Store::Name(absl::string_view name, absl::string_vie
   MutexLock disk_lock(directory_.mutex());
   const absl::StatusOr<std::string> pointed = directory_.ReadName(label);
   std::string id;
+  absl::Status changed;
   if (mesh.empty()) {
     if (absl::IsNotFound(pointed.status())) return absl::NotFoundError(absl::StrCat("no mesh is named ", name));
-    if (absl::Status status = RemoveFile(path); !status.ok()) return status;
+    changed = RemoveFile(path);
   } else {
     const absl::StatusOr<EntryPointer> target = directory_.ReadTarget(mesh, &dropped);
     if (!target.ok()) return target.status();
     id = (*target)->id();
-    if (pointed.ok() && *pointed == id) return id;
     if (absl::Status status = CheckNameLimits(label, id); !status.ok()) return status;
     absl::StatusOr<TemporaryFile> file = directory_.files().Prepare(EncodeName({label, id}));
     if (!file.ok()) return file.status();
-    if (absl::Status status = file->MoveTo(path); !status.ok()) return status;
+    changed = file->MoveTo(path);
+  }
+  if (!changed.ok()) {
+    directory_.ReadName(label).IgnoreError();
+    return changed;
   }
   const std::string previous = directory_.NoteName(label, id);
   if (id.empty()) {
@@ -307,9 +322,14 @@ absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
   const std::set<std::string> names = directory_.catalog().NamesOf(id);
   std::vector<std::string> paths;
   for (const std::string& name : names) paths.push_back(directory_.files().NamePath(name));
-  if (absl::Status status = RemoveFiles(paths); !status.ok()) return status;
+  absl::Status removed = RemoveFiles(paths);
+  if (removed.ok()) removed = RemoveMeshFiles(id);
+  if (!removed.ok()) {
+    for (const std::string& name : names) directory_.ReadName(name).IgnoreError();
+    directory_.ReadMesh(id, &dropped).IgnoreError();
+    return removed;
+  }
   for (const std::string& name : names) directory_.catalog().MoveName(name, "");
-  if (absl::Status status = RemoveMeshFiles(id); !status.ok()) return status;
   dropped.Add(directory_.catalog().Remove(id));
   spdlog::info("deleted mesh {}", id);
   return id;
@@ -332,7 +352,10 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
   if (absl::Status status = (*entry)->CheckRebuild(config); !status.ok()) return status;
   absl::StatusOr<TemporaryFile> file = directory_.files().Prepare(EncodeConfig(config));
   if (!file.ok()) return file.status();
-  if (absl::Status status = file->MoveTo(directory_.files().ConfigPath((*entry)->id())); !status.ok()) return status;
+  if (absl::Status status = file->MoveTo(directory_.files().ConfigPath((*entry)->id())); !status.ok()) {
+    directory_.ReadMesh((*entry)->id(), &dropped).IgnoreError();
+    return status;
+  }
   if (absl::Status status = (*entry)->Rebuild(config, {}); !status.ok()) return status;
   return InfoWithGroups(**entry);
 }
