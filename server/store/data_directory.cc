@@ -1,7 +1,6 @@
 #include "server/store/data_directory.h"
 
 #include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <string_view>
 #include <system_error>
@@ -17,8 +16,6 @@ namespace deltaray {
 namespace {
 
 constexpr absl::string_view kFolders[] = {"meshes", "configs", "names", "tmp"};
-// A change takes milliseconds. Who holds the lock for this long has been stopped, or has lost the disk.
-constexpr std::chrono::seconds kLockTimeout{10};
 
 bool Exists(const std::string& path) {
   std::error_code error;
@@ -47,7 +44,8 @@ DataDirectory::DataDirectory(const std::string& path)
       configs_(path + "/configs", ".config"),
       names_(path + "/names", ".name") {}
 
-absl::StatusOr<DataDirectory> DataDirectory::Open(const std::string& path, Changes* contents) {
+absl::StatusOr<DataDirectory> DataDirectory::Open(const std::string& path, std::chrono::milliseconds lock_timeout,
+                                                  Changes* contents) {
   if (path.empty()) return absl::InvalidArgumentError("data_directory: is empty");
   for (const absl::string_view folder : kFolders) {
     if (absl::Status status = MakeFolder(absl::StrCat(path, "/", folder)); !status.ok()) return status;
@@ -57,7 +55,7 @@ absl::StatusOr<DataDirectory> DataDirectory::Open(const std::string& path, Chang
     spdlog::info("removed {} temporaries that a dead server left in {}", removed, directory.TemporariesPath());
   }
   if (absl::Status status = directory.Look(contents); !status.ok()) return status;
-  directory.RemoveStray(contents);
+  directory.RemoveStray(lock_timeout, contents);
   spdlog::info("opened data directory {}: {} meshes, {} names, {} files refused", path, contents->meshes.size(),
                contents->names.size(), directory.refused_.size());
   return directory;
@@ -150,7 +148,7 @@ void DataDirectory::TellOfName(const std::string& name) {
   names_.TellOf(digest);
 }
 
-void DataDirectory::RemoveStray(Changes* contents) const {
+void DataDirectory::RemoveStray(std::chrono::milliseconds lock_timeout, Changes* contents) const {
   absl::flat_hash_set<absl::string_view> ids;
   for (const MeshInfo& mesh : contents->meshes) ids.insert(mesh.id);
   const auto is_stray = [&](const std::string& id) { return !ids.contains(id) && !Exists(MeshPath(id)); };
@@ -160,7 +158,7 @@ void DataDirectory::RemoveStray(Changes* contents) const {
       std::none_of(contents->configs.begin(), contents->configs.end(), is_stray_config)) {
     return;
   }
-  const absl::StatusOr<FileDescriptor> lock = Lock();
+  const absl::StatusOr<FileDescriptor> lock = Lock(lock_timeout);
   if (!lock.ok())
     return spdlog::warn("names or configs without a mesh are left where they are: {}", lock.status().ToString());
 
@@ -176,7 +174,9 @@ void DataDirectory::RemoveStray(Changes* contents) const {
   }
 }
 
-absl::StatusOr<FileDescriptor> DataDirectory::Lock() const { return LockFile(path_ + "/lock", kLockTimeout); }
+absl::StatusOr<FileDescriptor> DataDirectory::Lock(std::chrono::milliseconds timeout) const {
+  return LockFile(path_ + "/lock", timeout);
+}
 
 absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
   absl::StatusOr<MeshInfo> info = ReadMeshFileInfo(MeshPath(id));

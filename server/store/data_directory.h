@@ -11,6 +11,7 @@
 #ifndef SERVER_STORE_DATA_DIRECTORY_H_
 #define SERVER_STORE_DATA_DIRECTORY_H_
 
+#include <chrono>
 #include <string>
 #include <utility>
 #include <vector>
@@ -41,7 +42,9 @@ class DataDirectory {
 
   // Makes the directory where missing, removes what dead servers left half done, and reads what is there into
   // `contents`: of the meshes only what stands before the geometry. What is not whole is logged and left out.
-  static absl::StatusOr<DataDirectory> Open(const std::string& path, Changes* contents);
+  // `lock_timeout`: as of Lock.
+  static absl::StatusOr<DataDirectory> Open(const std::string& path, std::chrono::milliseconds lock_timeout,
+                                            Changes* contents);
 
   // What any server has changed since the last call. After an error the next call tells what is missing in `changes`.
   // Not thread-safe.
@@ -53,8 +56,8 @@ class DataDirectory {
   void TellOfName(const std::string& name);
 
   // What changes the directory holds this, so that it may look before it acts. UNAVAILABLE where another server has it
-  // for too long.
-  absl::StatusOr<FileDescriptor> Lock() const;
+  // for longer than `timeout`.
+  absl::StatusOr<FileDescriptor> Lock(std::chrono::milliseconds timeout) const;
 
   // What stands before the geometry, and the config. NOT_FOUND, DATA_LOSS and so on as ReadMeshFileInfo.
   absl::StatusOr<MeshInfo> ReadMesh(const std::string& id) const;
@@ -80,7 +83,7 @@ class DataDirectory {
   absl::Status LookAtMeshes(Changes* changes);
   absl::Status LookAtNames(Changes* changes);
   // Removes names and configs without a mesh, as they stand where somebody took the mesh's file away.
-  void RemoveStray(Changes* contents) const;
+  void RemoveStray(std::chrono::milliseconds lock_timeout, Changes* contents) const;
 
   std::string NamePathOfDigest(absl::string_view digest) const;
   absl::StatusOr<NameRecord> ReadNameFile(const std::string& digest) const;

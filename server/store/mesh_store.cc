@@ -9,6 +9,7 @@
 #include "server/build/mutex.h"
 #include "server/store/build_queue.h"
 #include "server/store/build_run.h"
+#include "server/store/change_lock.h"
 #include "server/store/data_directory.h"
 #include "server/store/disk_budget.h"
 #include "server/store/durable_file.h"
@@ -77,8 +78,7 @@ class Store final : public MeshStore {
   const std::shared_ptr<TreeBudget> tree_budget_;
   DiskBudget disk_budget_;
   mutable FollowedDirectory directory_;
-  // Held by whoever changes the directory, for as long as it waits for the other servers and acts.
-  Mutex change_mutex_;  // before directory_.mutex()
+  ChangeLock change_lock_;  // before directory_.mutex()
 };
 
 class StoreUpload final : public Upload {
@@ -110,7 +110,8 @@ Store::Store(Options options, DataDirectory directory, DataDirectory::Changes co
           options_.tree_bytes, [this](uint64_t bytes) { return directory_.catalog().MakeRoom(bytes); })),
       disk_budget_(options_.max_stored_bytes, [this] { return directory_.catalog().totals().stored_bytes; }),
       directory_(std::move(directory), std::move(contents), options_.follow_interval,
-                 [this](MeshInfo info) { return MakeEntry(std::move(info)); }) {}
+                 [this](MeshInfo info) { return MakeEntry(std::move(info)); }),
+      change_lock_(&directory_.files(), options_.change_timeout) {}
 
 Store::~Store() {
   for (const EntryPointer& entry : directory_.catalog().List("", SIZE_MAX)) {
@@ -146,8 +147,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     if (upload.IsCancelled()) return absl::CancelledError("the upload was cancelled");
 
     DroppedEntries dropped;
-    MutexLock change_lock(change_mutex_);
-    const absl::StatusOr<FileDescriptor> lock = directory_.files().Lock();
+    const absl::StatusOr<ChangeLock::Held> lock = change_lock_.Take();
     if (!lock.ok()) return lock.status();
     MutexLock disk_lock(directory_.mutex());
     EntryPointer entry = directory_.ReadWhole(id, &dropped);
@@ -271,8 +271,7 @@ absl::StatusOr<std::string> Store::Name(absl::string_view name, absl::string_vie
   const std::string path = directory_.files().NamePath(label);
 
   DroppedEntries dropped;
-  MutexLock change_lock(change_mutex_);
-  const absl::StatusOr<FileDescriptor> lock = directory_.files().Lock();
+  const absl::StatusOr<ChangeLock::Held> lock = change_lock_.Take();
   if (!lock.ok()) return lock.status();
   MutexLock disk_lock(directory_.mutex());
   const absl::StatusOr<std::string> pointed = directory_.ReadName(label);
@@ -305,8 +304,7 @@ absl::StatusOr<std::string> Store::Name(absl::string_view name, absl::string_vie
 
 absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
   DroppedEntries dropped;
-  MutexLock change_lock(change_mutex_);
-  const absl::StatusOr<FileDescriptor> lock = directory_.files().Lock();
+  const absl::StatusOr<ChangeLock::Held> lock = change_lock_.Take();
   if (!lock.ok()) return lock.status();
   MutexLock disk_lock(directory_.mutex());
   // Other servers may have given it names.
@@ -343,8 +341,7 @@ absl::Status Store::RemoveMeshFiles(const std::string& id) {
 absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& config) {
   if (absl::Status status = Validate(config); !status.ok()) return status;
   DroppedEntries dropped;
-  MutexLock change_lock(change_mutex_);
-  const absl::StatusOr<FileDescriptor> lock = directory_.files().Lock();
+  const absl::StatusOr<ChangeLock::Held> lock = change_lock_.Take();
   if (!lock.ok()) return lock.status();
   MutexLock disk_lock(directory_.mutex());
   const absl::StatusOr<EntryPointer> entry = directory_.ReadTarget(mesh, &dropped);
@@ -409,7 +406,8 @@ StoreUsage Store::Usage() const {
 
 absl::StatusOr<std::unique_ptr<MeshStore>> MeshStore::Open(Options options) {
   DataDirectory::Changes contents;
-  absl::StatusOr<DataDirectory> directory = DataDirectory::Open(options.data_directory, &contents);
+  absl::StatusOr<DataDirectory> directory =
+      DataDirectory::Open(options.data_directory, options.change_timeout, &contents);
   if (!directory.ok()) return directory.status();
   return std::make_unique<Store>(std::move(options), *std::move(directory), std::move(contents));
 }

@@ -113,7 +113,8 @@ class Upload {
 //
 // `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
 // damaged or cannot be read. A mesh or name that is not known is looked for on disk at once; that a known one was
-// moved or deleted by another server is noticed within a few Options::follow_interval.
+// moved or deleted by another server is noticed within a few Options::follow_interval. Changes are UNAVAILABLE where
+// another server holds up all changes for Options::change_timeout.
 class MeshStore {
  public:
   struct Options {
@@ -134,6 +135,9 @@ class MeshStore {
     uint32_t build_threads = 0;          // 0: all cores
     // How long it takes to notice what other servers change in the directory.
     std::chrono::milliseconds follow_interval{250};
+    // How long a change waits for those of others before it is UNAVAILABLE. A change takes milliseconds: a server that
+    // holds the directory's lock for this long has been stopped, or has lost the disk.
+    std::chrono::milliseconds change_timeout{10'000};
     std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
     // Called at the end of every build, from its thread. Must not call the store.
     std::function<void(const EndedBuild&)> on_build_end;

@@ -175,7 +175,7 @@ TEST_F(DataDirectoryTest, WhereverTheMeshFileIsCutItIsNotServed) {
   for (size_t size = 0; size < content.size(); size += 17) {
     WriteFile(MeshFile(bad_), content.substr(0, size));
     DataDirectory::Changes contents;
-    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    ASSERT_TRUE(DataDirectory::Open(path_, std::chrono::seconds(10), &contents).ok());
     ASSERT_EQ(contents.meshes.size(), 1u) << size;
     EXPECT_EQ(contents.meshes[0].id, good_);
   }
@@ -188,7 +188,7 @@ TEST_F(DataDirectoryTest, WhereverARecordIsDamagedOnlyItIsLost) {
     flipped[i] ^= 4;
     WriteFile(NameFile("bad"), flipped);
     DataDirectory::Changes contents;
-    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    ASSERT_TRUE(DataDirectory::Open(path_, std::chrono::seconds(10), &contents).ok());
     EXPECT_EQ(contents.meshes.size(), 2u);
     ASSERT_EQ(contents.names.size(), 1u) << i;
   }
@@ -196,7 +196,7 @@ TEST_F(DataDirectoryTest, WhereverARecordIsDamagedOnlyItIsLost) {
   for (size_t i = 0; i < config.size(); i += 7) {
     WriteFile(ConfigFile(bad_), config.substr(0, i));
     DataDirectory::Changes contents;
-    ASSERT_TRUE(DataDirectory::Open(path_, &contents).ok());
+    ASSERT_TRUE(DataDirectory::Open(path_, std::chrono::seconds(10), &contents).ok());
     ASSERT_EQ(contents.meshes.size(), 2u);
     EXPECT_EQ(contents.meshes[contents.meshes[0].id == bad_ ? 0 : 1].config.delta, Config().delta) << i;
   }

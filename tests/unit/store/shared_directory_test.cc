@@ -178,15 +178,45 @@ TEST_F(SharedDirectoryTest, ADamagedMeshIsMendedThroughAnyServer) {
 }
 
 TEST_F(SharedDirectoryTest, AServerThatIsStoppedWithinAChangeHoldsUpChangesOnlyForATime) {
-  const std::string id = Put(a_, StripObj(1), "one")->info.id;
+  using Clock = std::chrono::steady_clock;
+  MeshStore::Options options;
+  options.change_timeout = std::chrono::seconds(2);
+  const auto store = OpenStore(directory_.path(), options);
+  const std::string id = Put(*store, StripObj(1), "one")->info.id;
   const int lock = open((directory_.path() + "/lock").c_str(), O_RDWR);
   ASSERT_EQ(flock(lock, LOCK_EX), 0);
-  EXPECT_TRUE(AwaitTree(b_, "one").ok());
-  const auto named = a_.Name("two", id);
-  EXPECT_EQ(named.status().code(), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(named.status().ToString(), HasSubstr("lock"));
+
+  // All at once, not one after another.
+  const Clock::time_point begin = Clock::now();
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i) {
+    threads.emplace_back([&, i] {
+      const std::string name = "name" + std::to_string(i);
+      const absl::Status status =
+          i % 2 == 0 ? store->Name(name, id).status() : Put(*store, StripObj(i + 10), name).status();
+      EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+      EXPECT_THAT(status.ToString(), HasSubstr("lock"));
+    });
+  }
+  EXPECT_TRUE(AwaitTree(*store, "one").ok());
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_GE(Clock::now() - begin, options.change_timeout);
+  EXPECT_LT(Clock::now() - begin, 3 * options.change_timeout);
+
+  // Those that come later do not wait as long for what did not come before.
+  const Clock::time_point later = Clock::now();
+  EXPECT_EQ(store->Delete(id).status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_LT(Clock::now() - later, options.change_timeout / 2);
+
   close(lock);
-  EXPECT_TRUE(a_.Name("two", id).ok());
+  EXPECT_TRUE(store->Name("two", id).ok());
+  // And so it is again.
+  const int again = open((directory_.path() + "/lock").c_str(), O_RDWR);
+  ASSERT_EQ(flock(again, LOCK_EX), 0);
+  std::thread named([&] { EXPECT_TRUE(store->Name("three", id).ok()); });
+  std::this_thread::sleep_for(options.change_timeout / 4);
+  close(again);
+  named.join();
 }
 
 // Random changes by three servers at once: in the end all see what is on disk, and no file is without its mesh.
