@@ -59,8 +59,11 @@ class DataDirectory {
   // for longer than `timeout`.
   absl::StatusOr<FileDescriptor> Lock(std::chrono::milliseconds timeout) const;
 
-  // What stands before the geometry, and the config. NOT_FOUND, DATA_LOSS and so on as ReadMeshFileInfo.
+  // What stands before the geometry, but for the groups, and the config. NOT_FOUND, DATA_LOSS and so on as
+  // ReadMeshFileInfo; FAILED_PRECONDITION where the directory is gone.
   absl::StatusOr<MeshInfo> ReadMesh(const std::string& id) const;
+  // Errors as above.
+  absl::StatusOr<std::vector<std::string>> ReadGroups(const std::string& id) const;
   // NOT_FOUND where the mesh has none.
   absl::StatusOr<Config> ReadConfig(absl::string_view id) const;
   // Whether a mesh's file is there, whole or not.

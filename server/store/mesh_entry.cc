@@ -37,12 +37,7 @@ absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const Tr
 }
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget)
-    : groups_(std::exchange(info.groups, {})),
-      info_(std::move(info)),
-      path_(std::move(path)),
-      queue_(queue),
-      budget_(budget),
-      config_(info_.config) {}
+    : info_(std::move(info)), path_(std::move(path)), queue_(queue), budget_(budget), config_(info_.config) {}
 
 MeshInfo MeshEntry::Info() const {
   MeshInfo info = info_;

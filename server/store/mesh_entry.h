@@ -38,13 +38,13 @@ absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const Tr
 // Thread-safe. Callbacks are called without a lock held.
 class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
  public:
-  // `info`: as read from the mesh's file at `path`, with its config. `queue` and `budget` outlive the entry's builds.
+  // `info`: as read from the mesh's file at `path`, with its config, without groups. `queue` and `budget` outlive the
+  // entry's builds.
   MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget);
 
   const std::string& id() const { return info_.id; }
   // Without names, which the store keeps, and without groups.
   MeshInfo Info() const;
-  const std::vector<std::string>& groups() const { return groups_; }
   Config config() const;
   // Whether the mesh's file turned out to be lost or damaged when it was read.
   bool file_is_lost() const;
@@ -118,7 +118,6 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   MeshStore::Answer AnswerFrom(const BuildRun& run) const;
   absl::Status BuildFailure(const absl::Status& status) const;
 
-  const std::vector<std::string> groups_;
   const MeshInfo info_;  // without names, groups, state and failure; its config is the first one
   const std::string path_;
   BuildQueue* const queue_;

@@ -67,13 +67,15 @@ class FieldReader {
   void Take(Vec3<T>* v) {
     Take(&v->x), Take(&v->y), Take(&v->z);
   }
+  // Null: they are passed over.
   void Take(std::vector<std::string>* strings) {
     uint32_t count = 0;
     Take(&count);
     for (uint32_t i = 0; i < count && ok_; ++i) {
       uint32_t bytes = 0;
       Take(&bytes);
-      strings->emplace_back(TakeBytes(bytes));
+      const absl::string_view string = TakeBytes(bytes);
+      if (strings != nullptr) strings->emplace_back(string);
     }
   }
   absl::string_view TakeBytes(size_t count) {
@@ -107,7 +109,7 @@ std::string EncodeMetadata(const MeshInfo& info) {
   return writer.bytes();
 }
 
-bool DecodeMetadata(absl::string_view bytes, MeshInfo* info) {
+bool DecodeMetadata(absl::string_view bytes, bool with_groups, MeshInfo* info) {
   FieldReader reader(bytes);
   int64_t created = 0;
   reader.Take(&created);
@@ -121,7 +123,7 @@ bool DecodeMetadata(absl::string_view bytes, MeshInfo* info) {
   reader.Take(&info->report.bounds.min);
   reader.Take(&info->report.bounds.max);
   reader.Take(&info->report.warnings);
-  reader.Take(&info->groups);
+  reader.Take(with_groups ? &info->groups : nullptr);
   return reader.AtEnd();
 }
 
@@ -136,7 +138,7 @@ struct MeshFileHead {
   uint64_t payload_bytes = 0;
 };
 
-absl::StatusOr<MeshFileHead> ReadHead(const FileDescriptor& file, const std::string& path) {
+absl::StatusOr<MeshFileHead> ReadHead(const FileDescriptor& file, const std::string& path, bool with_groups = false) {
   const absl::StatusOr<uint64_t> size = FileSize(file, path);
   if (!size.ok()) return size.status();
 
@@ -177,7 +179,7 @@ absl::StatusOr<MeshFileHead> ReadHead(const FileDescriptor& file, const std::str
   if (sha256.Finish() != head_sha256) return Damaged(path, "has a wrong checksum of header and metadata");
 
   MeshFileHead head;
-  if (!DecodeMetadata(metadata, &head.info)) return Damaged(path, "has malformed metadata");
+  if (!DecodeMetadata(metadata, with_groups, &head.info)) return Damaged(path, "has malformed metadata");
   head.info.id = absl::BytesToHexString(payload_sha256);
   head.info.stored_bytes = *size;
   head.payload_offset = kHeaderBytes + metadata_bytes;
@@ -191,10 +193,10 @@ struct MeshFile {
   MeshFileHead head;
 };
 
-absl::StatusOr<MeshFile> OpenMeshFile(const std::string& path, const std::string& id) {
+absl::StatusOr<MeshFile> OpenMeshFile(const std::string& path, const std::string& id, bool with_groups = false) {
   absl::StatusOr<FileDescriptor> file = OpenToRead(path);
   if (!file.ok()) return file.status();
-  absl::StatusOr<MeshFileHead> head = ReadHead(*file, path);
+  absl::StatusOr<MeshFileHead> head = ReadHead(*file, path, with_groups);
   if (!head.ok()) return head.status();
   if (head->info.id != id) return Damaged(path, "holds a mesh of another id");
   return MeshFile{path, id, *std::move(file), *std::move(head)};
@@ -261,6 +263,12 @@ absl::StatusOr<MeshInfo> ReadMeshFileInfo(const std::string& path) {
   absl::StatusOr<MeshFileHead> head = ReadHead(*file, path);
   if (!head.ok()) return head.status();
   return std::move(head->info);
+}
+
+absl::StatusOr<std::vector<std::string>> ReadMeshFileGroups(const std::string& path, const std::string& id) {
+  absl::StatusOr<MeshFile> file = OpenMeshFile(path, id, /*with_groups=*/true);
+  if (!file.ok()) return file.status();
+  return std::move(file->head.info.groups);
 }
 
 absl::StatusOr<TriangleMesh> ReadMeshFile(const std::string& path, const std::string& id,

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -30,9 +31,11 @@ absl::Status WriteMeshFile(const TriangleMesh& mesh, const MeshDigest& digest, c
                            TemporaryFile* file);
 
 // Reads and checks what stands before the geometry, so that a folder of thousands of meshes is quick to open. Fills
-// `stored_bytes`, but not names, state and config. DATA_LOSS, naming the file, where it is malformed, truncated or has
-// trailing bytes; FAILED_PRECONDITION where a newer deltaray wrote it.
+// `stored_bytes`, but not names, state, config and groups, which may be large. DATA_LOSS, naming the file, where it is
+// malformed, truncated or has trailing bytes; FAILED_PRECONDITION where a newer deltaray wrote it.
 absl::StatusOr<MeshInfo> ReadMeshFileInfo(const std::string& path);
+// The groups of the mesh of this id. Errors as above.
+absl::StatusOr<std::vector<std::string>> ReadMeshFileGroups(const std::string& path, const std::string& id);
 
 // Reads and checks the whole file, whose mesh must have this id. Errors as above; CANCELLED soon after `cancelled`
 // returns true.

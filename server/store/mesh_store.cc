@@ -55,8 +55,6 @@ class Store final : public MeshStore {
   absl::StatusOr<Upload::Committed> Put(const NewMesh& upload);
 
  private:
-  MeshInfo InfoWithGroups(const MeshEntry& entry) const;
-
   // The mesh first, and the name last: whenever the server dies, no config or name is without its mesh. After an error
   // what is in memory is what is on disk, and each name points at what it pointed at before or at the mesh.
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files, DroppedEntries* dropped)
@@ -66,6 +64,8 @@ class Store final : public MeshStore {
   void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
                 std::function<bool()> cancelled);
 
+  // Writes the config and starts the build. Returns the id.
+  absl::StatusOr<std::string> ChangeConfig(absl::string_view mesh, const Config& config);
   // Whether the mesh's file is there and whole, as it is read now. Errors where that cannot be told.
   absl::StatusOr<bool> IsOnDisk(const NewMesh& upload);
   // Whether an upload may add what it adds.
@@ -165,6 +165,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
       // Names of one that another server has deleted a moment ago.
       for (const std::string& name : directory_.catalog().NamesOf(id)) directory_.ReadName(name).IgnoreError();
       MeshInfo info = upload.info;
+      info.groups = {};
       const absl::StatusOr<Config> kept = directory_.files().ReadConfig(id);
       info.config = upload.config ? *upload.config : kept.ok() ? *kept : Config();
       entry = MakeEntry(std::move(info));
@@ -179,7 +180,8 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     } else {
       entry->Rebuild(*upload.config, upload.loaded).IgnoreError();
     }
-    committed.info = InfoWithGroups(*entry);
+    committed.info = directory_.catalog().Info(*entry);
+    committed.info.groups = upload.info.groups;  // are part of what the id stands for
     return committed;
   }
 }
@@ -241,21 +243,25 @@ absl::Status Store::MoveFiles(const NewMesh& upload, PreparedFiles& files, Dropp
 }
 
 absl::StatusOr<MeshInfo> Store::Get(absl::string_view mesh) const {
-  const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
-  if (!entry.ok()) return entry.status();
-  return InfoWithGroups(**entry);
+  for (int tries = kTriesOfDeletedMesh;; --tries) {
+    const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
+    if (!entry.ok()) return entry.status();
+    absl::StatusOr<std::vector<std::string>> groups = directory_.files().ReadGroups((*entry)->id());
+    if (groups.ok()) {
+      MeshInfo info = directory_.catalog().Info(**entry);
+      info.groups = *std::move(groups);
+      return info;
+    }
+    if (!absl::IsNotFound(groups.status()) || tries == 0) return groups.status();
+    // Another server has deleted it; it may be there again.
+    directory_.IsThere((*entry)->id());
+  }
 }
 
 absl::StatusOr<std::string> Store::Resolve(absl::string_view mesh) const {
   const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
   if (!entry.ok()) return entry.status();
   return (*entry)->id();
-}
-
-MeshInfo Store::InfoWithGroups(const MeshEntry& entry) const {
-  MeshInfo info = directory_.catalog().Info(entry);
-  info.groups = entry.groups();
-  return info;
 }
 
 std::vector<MeshInfo> Store::List(absl::string_view after_id, size_t limit) const {
@@ -340,6 +346,12 @@ absl::Status Store::RemoveMeshFiles(const std::string& id) {
 
 absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& config) {
   if (absl::Status status = Validate(config); !status.ok()) return status;
+  const absl::StatusOr<std::string> id = ChangeConfig(mesh, config);
+  if (!id.ok()) return id.status();
+  return Get(*id);
+}
+
+absl::StatusOr<std::string> Store::ChangeConfig(absl::string_view mesh, const Config& config) {
   DroppedEntries dropped;
   const absl::StatusOr<ChangeLock::Held> lock = change_lock_.Take();
   if (!lock.ok()) return lock.status();
@@ -354,7 +366,7 @@ absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& co
     return status;
   }
   if (absl::Status status = (*entry)->Rebuild(config, {}); !status.ok()) return status;
-  return InfoWithGroups(**entry);
+  return (*entry)->id();
 }
 
 void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,

@@ -151,6 +151,7 @@ class MeshStore {
 
   virtual absl::StatusOr<std::unique_ptr<Upload>> StartUpload() = 0;
 
+  // Reads the groups from the mesh's file.
   virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
   // The id of a mesh, where there is such a mesh. Cheap.
   virtual absl::StatusOr<std::string> Resolve(absl::string_view mesh) const = 0;

@@ -2,9 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <future>
 #include <string>
 #include <thread>
@@ -65,6 +67,36 @@ TEST(BudgetsTest, BytesOnDiskAreLimited) {
   EXPECT_TRUE(Put(*store, StripObj(1, 100), "a").ok());
   EXPECT_TRUE(store->Delete("a").ok());
   EXPECT_TRUE(Put(*store, StripObj(4, 100)).ok());
+}
+
+// An OBJ file of triangles, each in a group with a name of 1,000 bytes.
+std::string GroupsObj(int number, int groups) {
+  std::string obj = absl::StrCat("v 0 0 ", number, "\nv 1 0 0\nv 0 1 0\n");
+  for (int i = 0; i < groups; ++i) absl::StrAppend(&obj, "g ", i, std::string(994, 'x'), "\nf 1 2 3\n");
+  return obj;
+}
+
+TEST(BudgetsTest, GroupNamesTakeNoMemoryThatIsNotCounted) {
+  constexpr int kMeshes = 20, kGroups = 1'000;
+  const auto in_use = [] {
+    const struct mallinfo2 info = mallinfo2();  // all zero with sanitizers
+    return static_cast<int64_t>(info.uordblks + info.hblkhd);
+  };
+  ScratchDirectory directory;
+  for (const bool are_stored : {false, true}) {
+    const int64_t before = in_use();
+    const auto store = OpenStore(directory.path());
+    for (int i = 0; i < kMeshes; ++i) {
+      const std::string name = absl::StrCat("mesh", i);
+      if (!are_stored) {
+        ASSERT_TRUE(Put(*store, GroupsObj(i, kGroups), name).ok());
+        ASSERT_TRUE(AwaitTree(*store, name).ok());
+      }
+      ASSERT_EQ(store->Get(name)->groups.size(), size_t{kGroups});
+    }
+    const int64_t counted = static_cast<int64_t>(store->Usage().budget_bytes);
+    EXPECT_LT(in_use() - before - counted, 1'000 * kGroups * kMeshes / 4) << are_stored;
+  }
 }
 
 // Of trees of 6,000 triangles, some 0.5 MB each with their meshes, one stands while another is built, which takes up

@@ -147,7 +147,11 @@ TEST_F(DataDirectoryTest, ADirectoryThatIsGoneIsNoMissingMesh) {
   expect_gone(store->Rebuild("good", Config()).status());
   expect_gone(store->Delete("good").status());
   expect_gone(Put(*store, StripObj(1)).status());
+  expect_gone(store->Get("good").status());
+  expect_gone(store->Get("unknown").status());
+  EXPECT_TRUE(AwaitTree(*store, "good").ok());
   std::filesystem::rename(path_ + ".gone", path_);
+  EXPECT_EQ(store->Get("good")->state, MeshState::kReady);
   EXPECT_TRUE(store->Name("another", "good").ok());
 }
 
@@ -158,6 +162,25 @@ TEST_F(DataDirectoryTest, AMeshFileThatVanishesIsADeletedMesh) {
   ExpectGood(*store);
   EXPECT_EQ(store->Delete("bad").status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(store->List("", 10).size(), 1u);
+}
+
+TEST_F(DataDirectoryTest, AMeshWhoseFileIsLostWhileItIsKnownIsNoLongerTold) {
+  MeshStore::Options options;
+  options.follow_interval = std::chrono::hours(1);  // so that nobody notices but who asks
+  const auto store = OpenStore(path_, options);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  const std::string content = ReadFile(MeshFile(bad_));
+  ASSERT_TRUE(store->Get("bad").ok());
+  WriteFile(MeshFile(bad_), content.substr(0, 100));
+  const absl::Status damaged = store->Get("bad").status();
+  EXPECT_EQ(damaged.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(damaged.ToString(), HasSubstr(MeshFile(bad_)));
+  std::filesystem::remove(MeshFile(bad_));
+  const absl::Status gone = store->Get("bad").status();
+  EXPECT_EQ(gone.code(), absl::StatusCode::kNotFound);
+  EXPECT_THAT(gone.ToString(), HasSubstr("no mesh is named bad"));
+  WriteFile(MeshFile(bad_), content);
+  EXPECT_EQ(store->Get("bad")->id, bad_);
 }
 
 TEST_F(DataDirectoryTest, ADamagedMeshCanBeDeleted) {

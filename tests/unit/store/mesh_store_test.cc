@@ -408,7 +408,8 @@ TEST(MeshStoreTest, AFileThatMayNotBeReadForATimeFailsItsQueriesForThatTime) {
   const absl::Status status = AwaitTree(*store, "a").status();
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(status.ToString(), HasSubstr(file));
-  EXPECT_EQ(store->Get("a")->state, MeshState::kFailed);
+  EXPECT_EQ(store->Watch("a", /*start=*/false)->state, MeshState::kFailed);
+  EXPECT_EQ(store->Get("a").status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_TRUE(AwaitTree(*store, Put(*store, StripObj(2))->info.id).ok());
   std::filesystem::permissions(file, std::filesystem::perms::owner_all);
   ExpectRecovers(*store, "a");
