@@ -282,6 +282,7 @@ int Run(const Flags& flags) {
       return kFailure;
     }
   }
+  ExitDeadline deadline(kHung);
   LogEvent(spdlog::level::info, "listens",
            {{"address", options.listen},
             {"port", int64_t{(*server)->port()}},
@@ -292,7 +293,7 @@ int Run(const Flags& flags) {
   sigwait(&signals, &received);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   spdlog::info("{}: draining, for at most {} s", absl::StrCat("SIG", sigabbrev_np(received)), flags.drain_seconds);
-  const ExitDeadline deadline(options.drain_timeout + kEndTime, kHung);
+  deadline.Begin(options.drain_timeout + kEndTime);
   if (!(*server)->Drain()) spdlog::warn("some calls were cut off");
   server->reset();
   spdlog::info("ended");

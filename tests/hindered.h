@@ -56,6 +56,14 @@ class WithoutPrivileges {
   const uid_t before_;
 };
 
+// From here on this process can make no thread: it is nobody, for good, where it was root, whom no limit on threads
+// binds.
+inline void ForbidThreads() {
+  EXPECT_TRUE(getuid() != 0 || setuid(65534) == 0);
+  const rlimit none{0, 0};
+  EXPECT_EQ(setrlimit(RLIMIT_NPROC, &none), 0);
+}
+
 }  // namespace deltaray
 
 #endif  // TESTS_HINDERED_H_

@@ -46,6 +46,9 @@ constexpr int kHandshakeTimeoutMs = 10'000;
 constexpr std::chrono::milliseconds kTick{250};
 // The least time between pings of a client that has no call under way.
 constexpr int kMinPingIntervalMs = 10'000;
+// Reflection and channelz are gRPC's own services, each of whose calls holds a thread to its end: so many at once,
+// beside the thread that waits for them.
+constexpr int kMaxGrpcServiceCalls = 8;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
 
@@ -137,7 +140,11 @@ class GrpcServer final : public Server {
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
     // The limit on messages is looked at only once a message is in memory; this one holds before.
     const uint64_t network_bytes = std::max(options_.network_bytes, 4 * options_.batch.max_message_bytes);
-    builder.SetResourceQuota(grpc::ResourceQuota("deltarayd").Resize(network_bytes));
+    grpc::ResourceQuota quota("deltarayd");
+    builder.SetResourceQuota(quota.Resize(network_bytes).SetMaxThreads(1 + kMaxGrpcServiceCalls));
+    builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, 1);
+    builder.SetSyncServerOption(grpc::ServerBuilder::MIN_POLLERS, 1);
+    builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 1);
     // gRPC would read megabytes ahead of us on every stream. Without it, 64 KiB until we read, and 1 MiB then.
     builder.AddChannelArgument(GRPC_ARG_HTTP2_BDP_PROBE, 0);
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options_.max_connection_calls));

@@ -155,6 +155,8 @@ if "${launcher[@]}" test -x "$bin/deltarayd"; then
   "${limit[@]}" "$server" --nproc="$threads":
   works threads
   tell threads
+  # It drains without a thread to be had.
+  "${limit[@]}" "$server" --nproc=1:
   # gRPC counts the thread for timers that it could not start, and waits for its end when all else has ended.
   stop_server 3
 else

@@ -2,7 +2,9 @@
 
 #include <atomic>
 #include <cfenv>
+#include <filesystem>
 #include <future>
+#include <iterator>
 #include <thread>
 
 #include "gmock/gmock.h"
@@ -29,6 +31,20 @@ class ServerTest : public RunningServer {
     const grpc::Status status = grpc::health::v1::Health::NewStub(channel_)->Check(&context, request, &response);
     if (!status.ok()) return absl::StrCat("error ", status.error_code());
     return grpc::health::v1::HealthCheckResponse::ServingStatus_Name(response.status());
+  }
+
+  using ReflectionStream = std::unique_ptr<grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>>;
+  // A call that asks for the services, and stays open.
+  ReflectionStream Reflection(grpc::ClientContext* context) {
+    ReflectionStream stream(grpc::internal::ClientReaderWriterFactory<grpc::ByteBuffer, grpc::ByteBuffer>::Create(
+        channel_.get(),
+        grpc::internal::RpcMethod("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+                                  grpc::internal::RpcMethod::BIDI_STREAMING),
+        context));
+    // ServerReflectionRequest with list_services = "*".
+    grpc::Slice slice(std::string("\x3a\x01*"));
+    stream->Write(grpc::ByteBuffer(&slice, 1));
+    return stream;
   }
 
   static std::string SlowRays(size_t count) {
@@ -273,15 +289,7 @@ TEST_F(ServerTest, ChannelzIsThereWhereAskedFor) {
 TEST_F(ServerTest, ReflectionListsTheServices) {
   Start();
   grpc::ClientContext context;
-  std::unique_ptr<grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>> stream(
-      grpc::internal::ClientReaderWriterFactory<grpc::ByteBuffer, grpc::ByteBuffer>::Create(
-          channel_.get(),
-          grpc::internal::RpcMethod("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
-                                    grpc::internal::RpcMethod::BIDI_STREAMING),
-          &context));
-  // ServerReflectionRequest with list_services = "*".
-  grpc::Slice slice(std::string("\x3a\x01*"));
-  stream->Write(grpc::ByteBuffer(&slice, 1));
+  const auto stream = Reflection(&context);
   grpc::ByteBuffer reply;
   ASSERT_TRUE(stream->Read(&reply));
   grpc::Slice bytes;
@@ -291,6 +299,45 @@ TEST_F(ServerTest, ReflectionListsTheServices) {
   EXPECT_THAT(text, HasSubstr("deltaray.v1.RayService"));
   stream->WritesDone();
   stream->Finish();
+}
+
+// gRPC gives each a thread.
+TEST_F(ServerTest, IdleReflectionStreamsTakeFewThreads) {
+  Start();
+  UploadSquares(1, 0, "squares");
+  const auto threads = [] {
+    const std::filesystem::directory_iterator tasks("/proc/self/task");
+    return std::distance(begin(tasks), end(tasks));
+  };
+  const auto threads_before = threads();
+  constexpr size_t kStreams = 100;
+  std::vector<std::unique_ptr<grpc::ClientContext>> contexts(kStreams);
+  std::vector<ReflectionStream> streams;
+  for (auto& context : contexts) {
+    context = std::make_unique<grpc::ClientContext>();
+    ReflectionStream stream = Reflection(context.get());
+    grpc::ByteBuffer reply;
+    if (stream->Read(&reply)) {
+      streams.push_back(std::move(stream));
+      continue;
+    }
+    const grpc::Status refused = stream->Finish();
+    EXPECT_EQ(refused.error_code(), StatusCode::RESOURCE_EXHAUSTED) << refused.error_message();
+  }
+  EXPECT_GE(streams.size(), 1u);
+  EXPECT_LT(streams.size(), 20u);
+  EXPECT_LT(threads(), threads_before + 30);
+  EXPECT_EQ(Health(""), "SERVING");
+  v1::CastRaysRequest request;
+  request.set_mesh("squares");
+  request.mutable_rays()->set_rays(SlowRays(1));
+  grpc::ClientContext cast_context;
+  v1::CastRaysResponse response;
+  EXPECT_TRUE(rays_->CastRays(&cast_context, request, &response).ok());
+  for (const auto& stream : streams) {
+    stream->WritesDone();
+    EXPECT_TRUE(stream->Finish().ok());
+  }
 }
 
 }  // namespace
