@@ -15,6 +15,11 @@ constexpr uint64_t kWaitingPart = 4;
 
 }  // namespace
 
+absl::Status ReplyLostError() {
+  return absl::ResourceExhaustedError(
+      "the reply was not taken while the memory for batches was short (--batch-bytes); retry later");
+}
+
 BatchBudget::BatchBudget(uint64_t limit) : limit_(limit), first_expectation_(limit / kFirstStreams) {}
 
 BatchBudget::Share::~Share() {
@@ -144,7 +149,7 @@ void BatchBudget::SetStage(Share& share, Share::Stage stage) {
   if (stage == Share::Stage::kReply) replies_.insert(&share);
   // One that waits for more is in line with all others; were it still the one, it and the first would wait for each
   // other.
-  if (&share == excess_ && stage != Share::Stage::kExpected && stage != Share::Stage::kWorking) excess_ = nullptr;
+  if (&share == excess_ && (stage == Share::Stage::kWaiting || stage == Share::Stage::kNone)) excess_ = nullptr;
 }
 
 BatchBudget::Share* BatchBudget::Oldest() const {
@@ -158,7 +163,8 @@ BatchBudget::Share* BatchBudget::Oldest() const {
 bool BatchBudget::Fits(const Share& share) const { return used_ + share.wanted_ - share.bytes_ <= limit_; }
 
 bool BatchBudget::MayExceed(const Share& share) const {
-  return working_ == 0 && (excess_ == nullptr || excess_ == &share);
+  // The former one counts to its end, its reply included, or clients that take none would let in more and more.
+  return working_ == 0 && (excess_ == nullptr || excess_ == &share || used_ <= limit_);
 }
 
 bool BatchBudget::MayHaveNow(const Share& share) const {

@@ -1,4 +1,4 @@
-// The memory that all batches in the server may take together.
+// The memory that all batches in the server, and the replies of all other calls, may take together.
 
 #ifndef SERVER_SERVICE_BATCH_BUDGET_H_
 #define SERVER_SERVICE_BATCH_BUDGET_H_
@@ -10,10 +10,14 @@
 #include <memory>
 #include <unordered_set>
 
+#include "absl/status/status.h"
 #include "server/build/mutex.h"
 #include "server/service/worker_pool.h"
 
 namespace deltaray {
+
+// What a call is told whose reply was not taken and is lost.
+absl::Status ReplyLostError();
 
 // Hands out shares of a number of bytes, in the order in which they are asked for. A share is of one batch, on its way
 // through three stages:
@@ -27,7 +31,8 @@ namespace deltaray {
 //  - A message that has not come for kPatience keeps no room from others.
 //  - Where others wait for kStall, the client that has not taken its reply for longest, and for kStall at least, loses
 //  it.
-// So the bytes in use exceed the limit by the free shares, and by one batch.
+// So the bytes in use exceed the limit by the free shares, by one batch, and by messages that are there and wait; as
+// many of these as may be refused are refused beyond a quarter of the limit.
 //
 // Thread-safe. Callbacks run on a thread of the budget's own, so they may take locks that are held around its methods.
 class BatchBudget {

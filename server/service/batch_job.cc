@@ -71,10 +71,9 @@ void Trace(const RayBackend& backend, const std::shared_ptr<BatchJob>& job, cons
   }
 }
 
-}  // namespace
-
-void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
-             std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
+// UseTree of a mesh that is known.
+void UseTreeOfKnown(const RayBackend& backend, const std::string& mesh, bool wait_final,
+                    std::function<bool()> cancelled, std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
   // Whether WithTree has returned: a thread of the tracer may come back later as one of a build.
   const auto returned = std::make_shared<std::atomic<bool>>(false);
   const auto on_tree = [backend, use, returned,
@@ -95,6 +94,30 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
   const absl::Status status = CatchExceptions([&] {
     backend.store->WithTree(mesh, wait_final, on_tree, std::move(cancelled));
     *returned = true;
+    return absl::OkStatus();
+  });
+  if (!status.ok()) use(status);
+}
+
+}  // namespace
+
+void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
+             std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
+  if (backend.store->IsKnown(mesh)) {
+    return UseTreeOfKnown(backend, mesh, wait_final, std::move(cancelled), std::move(use));
+  }
+  const auto find = [backend, mesh, wait_final, cancelled, use] {
+    if (cancelled()) return;
+    const absl::Status status = CatchExceptions([&] {
+      // Known from here on, where it is there.
+      if (absl::Status found = backend.store->Resolve(mesh).status(); !found.ok()) return found;
+      backend.tracer->Enqueue([=] { UseTreeOfKnown(backend, mesh, wait_final, cancelled, use); });
+      return absl::OkStatus();
+    });
+    if (!status.ok()) use(status);
+  };
+  const absl::Status status = CatchExceptions([&] {
+    backend.disk->Run(find);
     return absl::OkStatus();
   });
   if (!status.ok()) use(status);

@@ -15,6 +15,7 @@
 #include "server/service/metrics.h"
 #include "server/service/ray_message.h"
 #include "server/service/tracer.h"
+#include "server/service/worker_pool.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -22,6 +23,7 @@ namespace deltaray {
 // What answers batches; all of it outlives every call.
 struct RayBackend {
   MeshStore* store;
+  WorkerPool* disk;  // looks for meshes that are not known
   Tracer* tracer;
   BatchLimits limits;
   BatchBudget* budget;
@@ -32,8 +34,8 @@ struct RayBackend {
 // one), or with why there is none; not at all where the server ends first, or where `cancelled`, asked from any thread,
 // says that nobody waits any more. It must not throw, and all calls but the first one are to be ignored.
 //
-// Where there is a tree already, `use` runs on the calling thread, else with a tree on one of the tracer. Must not be
-// called with a lock held that `use` takes.
+// Where there is a tree already, of a mesh that is known, `use` runs on the calling thread, else with a tree on one of
+// the tracer. Must not be called with a lock held that `use` takes.
 void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
              std::function<void(absl::StatusOr<MeshStore::Answer>)> use);
 

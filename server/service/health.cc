@@ -21,8 +21,7 @@ using grpc::health::v1::HealthCheckResponse;
 constexpr char kMeshPrefix[] = "mesh/";
 constexpr uint64_t kReplyBytes = 64;  // far more than one takes
 
-absl::StatusOr<HealthCheckResponse> Answer(const Health& health, absl::string_view service) {
-  const Health::Status status = health.Of(service);
+absl::StatusOr<HealthCheckResponse> Answer(Health::Status status, absl::string_view service) {
   if (status == HealthCheckResponse::SERVICE_UNKNOWN) {
     return absl::NotFoundError(absl::StrCat("no such service or mesh: ", Quoted(service)));
   }
@@ -38,6 +37,7 @@ bool Health::IsMesh(absl::string_view service) { return absl::StartsWith(service
 Health::Status Health::Of(absl::string_view service) const {
   bool serves = true;
   if (absl::string_view mesh = service; absl::ConsumePrefix(&mesh, kMeshPrefix)) {
+    if (!store_->IsKnown(mesh)) return HealthCheckResponse::SERVICE_UNKNOWN;
     const absl::StatusOr<BuildReport> report = store_->Watch(mesh, /*start=*/true);
     if (absl::IsNotFound(report.status())) return HealthCheckResponse::SERVICE_UNKNOWN;
     serves = report.ok() && report->answers;
@@ -48,17 +48,34 @@ Health::Status Health::Of(absl::string_view service) const {
   return serves && !draining_ ? HealthCheckResponse::SERVING : HealthCheckResponse::NOT_SERVING;
 }
 
+bool Health::FindBlocks(absl::string_view service) const {
+  return absl::ConsumePrefix(&service, kMeshPrefix) && !store_->IsKnown(service);
+}
+
+Health::Status Health::Find(absl::string_view service) const {
+  if (absl::string_view mesh = service; absl::ConsumePrefix(&mesh, kMeshPrefix)) {
+    const absl::Status found = store_->Resolve(mesh).status();
+    // It is there, but of no use.
+    if (!found.ok() && !absl::IsNotFound(found)) return HealthCheckResponse::NOT_SERVING;
+  }
+  return Of(service);
+}
+
 grpc::ServerUnaryReactor* HealthHandlers::Check(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   HealthCheckRequest message;
   const absl::Status parsed = ParseSmallMessage(*request, &message);
   if (parsed.ok() && Health::IsMesh(message.service())) {
     return AnswerUnary<HealthCheckRequest, HealthCheckResponse>(
-        calls_, {"Health/Check", context}, nullptr, kReplyBytes, request, response,
-        [this](const HealthCheckRequest& request) { return Answer(health_, request.service()); });
+        {calls_, budget_, kReplyBytes}, {"Health/Check", context},
+        health_.FindBlocks(message.service()) ? disk_ : nullptr, request, response,
+        [this](const HealthCheckRequest& request) {
+          return Answer(health_.Find(request.service()), request.service());
+        });
   }
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
-  const absl::StatusOr<HealthCheckResponse> answer = parsed.ok() ? Answer(health_, message.service()) : parsed;
+  const absl::StatusOr<HealthCheckResponse> answer =
+      parsed.ok() ? Answer(health_.Of(message.service()), message.service()) : parsed;
   if (answer.ok()) *response = SerializeMessage(*answer);
   reactor->Finish(ToRpcStatus(answer.status()));
   return reactor;
@@ -73,7 +90,7 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthHandlers::Watch(grpc::Callback
         absl::ResourceExhaustedError(absl::StrCat("the server has ", kMaxWatches, " watches of its health, its limit"));
   }
   return HealthWatch::Start(Health::IsMesh(message.service()) ? calls_ : &watches_, {"Health/Watch", context}, &health_,
-                            status, message.service(), &watch_count_);
+                            disk_, status, message.service(), &watch_count_);
 }
 
 void HealthHandlers::Drain() {

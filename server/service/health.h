@@ -8,7 +8,9 @@
 
 #include "absl/strings/string_view.h"
 #include "grpc/health/v1/health.grpc.pb.h"
+#include "server/service/batch_budget.h"
 #include "server/service/calls.h"
+#include "server/service/worker_pool.h"
 #include "server/store/mesh_store.h"
 
 namespace deltaray {
@@ -22,9 +24,12 @@ class Health {
   // `store` outlives this.
   explicit Health(MeshStore* store) : store_(store) {}
 
-  // SERVICE_UNKNOWN where there is no such service or mesh. A mesh is SERVING while rays on it are answered without
+  // SERVICE_UNKNOWN where no such service or mesh is known. A mesh is SERVING while rays on it are answered without
   // waiting; one without a tree has its build started, for nobody would ask a mesh that waits for a first query.
   Status Of(absl::string_view service) const;
+  // The same, but looks on the disk for a mesh that is not known, which blocks; whether it would.
+  Status Find(absl::string_view service) const;
+  bool FindBlocks(absl::string_view service) const;
 
   // From now on everything known is NOT_SERVING.
   void Drain() { draining_ = true; }
@@ -47,8 +52,9 @@ class HealthHandlers final
   // Watches at once. Each client that checks health holds one a connection.
   static constexpr size_t kMaxWatches = 4096;
 
-  // Both outlive the handlers.
-  HealthHandlers(Calls* calls, MeshStore* store) : calls_(calls), health_(store) {}
+  // All outlive the handlers. Meshes that are not known are looked for on `disk`; replies take of `budget`.
+  HealthHandlers(Calls* calls, MeshStore* store, WorkerPool* disk, BatchBudget* budget)
+      : calls_(calls), health_(store), disk_(disk), budget_(budget) {}
 
   grpc::ServerUnaryReactor* Check(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                   grpc::ByteBuffer* response) override;
@@ -61,6 +67,8 @@ class HealthHandlers final
  private:
   Calls* const calls_;
   Health health_;
+  WorkerPool* const disk_;
+  BatchBudget* const budget_;
   std::atomic<size_t> watch_count_{0};
   Calls watches_;  // those that are not among calls_
 };

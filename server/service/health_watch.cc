@@ -12,15 +12,16 @@ constexpr std::chrono::milliseconds kHealthInterval{250};
 constexpr std::chrono::milliseconds kUnknownInterval{1000};
 }  // namespace
 
-HealthWatch::HealthWatch(Calls* calls, const Health* health, std::string service, std::atomic<size_t>* watches)
-    : CallReactor(calls), health_(health), service_(std::move(service)), watches_(watches) {
+HealthWatch::HealthWatch(Calls* calls, const Health* health, WorkerPool* disk, std::string service,
+                         std::atomic<size_t>* watches)
+    : CallReactor(calls), health_(health), disk_(disk), service_(std::move(service)), watches_(watches) {
   ++*watches_;
 }
 
 grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthWatch::Start(Calls* calls, const RpcInfo& rpc, const Health* health,
-                                                               const absl::Status& status, std::string service,
-                                                               std::atomic<size_t>* watches) {
-  auto call = std::make_shared<HealthWatch>(calls, health, std::move(service), watches);
+                                                               WorkerPool* disk, const absl::Status& status,
+                                                               std::string service, std::atomic<size_t>* watches) {
+  auto call = std::make_shared<HealthWatch>(calls, health, disk, std::move(service), watches);
   call->weak_self_ = call;
   if (!Admit(call, rpc)) return call.get();
   MutexLock lock(call->mutex_);
@@ -35,10 +36,34 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* HealthWatch::Start(Calls* calls, con
 void HealthWatch::Look() {
   if (finished_) return;
   const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
-    Tell();
+    if (health_->FindBlocks(service_)) {
+      disk_->Run([self = weak_self_.lock()] { self->LookOnDisk(); });
+    } else {
+      Take(health_->Of(service_));
+    }
     return absl::OkStatus();
   });
   if (!status.ok()) FinishOnce(status);
+}
+
+void HealthWatch::LookOnDisk() {
+  if (cancelled()) return;
+  // Without the lock, which the call's reactions and the ticker take.
+  Health::Status seen = grpc::health::v1::HealthCheckResponse::UNKNOWN;
+  const absl::Status status = CatchExceptions([&] {
+    seen = health_->Find(service_);
+    return absl::OkStatus();
+  });
+  MutexLock lock(mutex_);
+  if (status.ok()) {
+    Take(seen);
+  } else {
+    FinishOnce(status);
+  }
+}
+
+void HealthWatch::Take(Health::Status seen) {
+  Tell(seen);
   if (finished_) return;
   // As in WatchCall: an alarm cannot be set anew from within its own callback.
   const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;
@@ -52,9 +77,8 @@ void HealthWatch::Look() {
               });
 }
 
-void HealthWatch::Tell() {
+void HealthWatch::Tell(Health::Status status) {
   if (writing_ || finished_) return;
-  const Health::Status status = health_->Of(service_);
   if (status != told_) {
     told_ = status;
     grpc::health::v1::HealthCheckResponse response;
@@ -71,13 +95,13 @@ void HealthWatch::OnWriteDone(bool ok) {
   MutexLock lock(mutex_);
   writing_ = false;
   if (!ok) FinishOnce(absl::CancelledError("the client has gone"));
-  if (draining_) Tell();
+  if (draining_) Tell(health_->Of(service_));
 }
 
 void HealthWatch::OnDrain() {
   MutexLock lock(mutex_);
   draining_ = true;
-  Tell();
+  Tell(health_->Of(service_));
 }
 
 }  // namespace deltaray

@@ -22,22 +22,26 @@ class HealthWatch final : public CallReactor<grpc::ServerWriteReactor<grpc::Byte
   // Takes over a call: the reactor to give to gRPC. Where `status` is not OK, the call ends with it. The call counts in
   // `watches` while it lives; what is pointed at outlives it.
   static grpc::ServerWriteReactor<grpc::ByteBuffer>* Start(Calls* calls, const RpcInfo& rpc, const Health* health,
-                                                           const absl::Status& status, std::string service,
-                                                           std::atomic<size_t>* watches);
+                                                           WorkerPool* disk, const absl::Status& status,
+                                                           std::string service, std::atomic<size_t>* watches);
 
-  HealthWatch(Calls* calls, const Health* health, std::string service, std::atomic<size_t>* watches);
+  HealthWatch(Calls* calls, const Health* health, WorkerPool* disk, std::string service, std::atomic<size_t>* watches);
   ~HealthWatch() override { --*watches_; }
 
  private:
   void OnWriteDone(bool ok) override;
   void OnDrain() override;
 
-  // Looks now, and again later.
+  // Looks now, or as soon as a thread of the disk can, and again later.
   void Look() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void LookOnDisk() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Takes what was seen, and has it looked again later.
+  void Take(Health::Status seen) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Writes the health where it is news, and ends the call once a drain was told.
-  void Tell() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Tell(Health::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Health* const health_;
+  WorkerPool* const disk_;
   const std::string service_;
   std::atomic<size_t>* const watches_;
   std::weak_ptr<HealthWatch> weak_self_;

@@ -7,7 +7,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/service/mesh_messages.h"
-#include "server/service/unary_call.h"
 #include "server/service/watch_call.h"
 #include "server/store/mesh_name.h"
 
@@ -30,7 +29,8 @@ grpc::ServerReadReactor<grpc::ByteBuffer>* MeshHandlers::UploadMesh(grpc::Callba
 grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetMeshRequest, v1::GetMeshResponse>(
-      calls_, {"MeshService/GetMesh", context}, nullptr, backend_.max_message_bytes, request, response,
+      // The names of its groups may be read from the disk.
+      unary_, {"MeshService/GetMesh", context}, backend_.disk, request, response,
       [store = backend_.store](const v1::GetMeshRequest& get) -> absl::StatusOr<v1::GetMeshResponse> {
         absl::StatusOr<MeshInfo> info = store->Get(get.mesh());
         if (!info.ok()) return info.status();
@@ -43,7 +43,7 @@ grpc::ServerUnaryReactor* MeshHandlers::GetMesh(grpc::CallbackServerContext* con
 grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext* context,
                                                    const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::ListMeshesRequest, v1::ListMeshesResponse>(
-      calls_, {"MeshService/ListMeshes", context}, nullptr, backend_.max_message_bytes, request, response,
+      unary_, {"MeshService/ListMeshes", context}, nullptr, request, response,
       [store = backend_.store, max_bytes = backend_.max_message_bytes](
           const v1::ListMeshesRequest& list) -> absl::StatusOr<v1::ListMeshesResponse> {
         // A token is the id of the last mesh of the page before.
@@ -72,7 +72,7 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext* 
 grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) {
   return AnswerUnary<v1::NameMeshRequest, v1::NameMeshResponse>(
-      calls_, {"MeshService/NameMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
+      unary_, {"MeshService/NameMesh", context}, backend_.disk, request, response,
       [store = backend_.store](const v1::NameMeshRequest& name) -> absl::StatusOr<v1::NameMeshResponse> {
         if (absl::Status status = ValidateMeshName(name.name()); !status.ok()) {
           return absl::Status(status.code(), absl::StrCat("name: ", status.message()));
@@ -88,7 +88,7 @@ grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext* co
 grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* context,
                                                    const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
-      calls_, {"MeshService/DeleteMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
+      unary_, {"MeshService/DeleteMesh", context}, backend_.disk, request, response,
       [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
         absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
         if (!id.ok()) return id.status();
@@ -101,7 +101,7 @@ grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* 
 grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
-      calls_, {"MeshService/RebuildMesh", context}, backend_.disk, backend_.max_message_bytes, request, response,
+      unary_, {"MeshService/RebuildMesh", context}, backend_.disk, request, response,
       [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
         absl::StatusOr<Config> config;
         if (rebuild.has_build_options()) {
@@ -122,14 +122,14 @@ grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext*
 
 grpc::ServerWriteReactor<grpc::ByteBuffer>* MeshHandlers::WatchBuild(grpc::CallbackServerContext* context,
                                                                      const grpc::ByteBuffer* request) {
-  return WatchCall::Start(calls_, {"MeshService/WatchBuild", context}, backend_.store, request);
+  return WatchCall::Start(calls_, {"MeshService/WatchBuild", context}, backend_.store, backend_.disk, request);
 }
 
 grpc::ServerUnaryReactor* MeshHandlers::GetBuildStats(grpc::CallbackServerContext* context,
                                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::GetBuildStatsRequest, v1::GetBuildStatsResponse>(
       // The statistics of a tree that is not final look at all of it.
-      calls_, {"MeshService/GetBuildStats", context}, backend_.disk, backend_.max_message_bytes, request, response,
+      unary_, {"MeshService/GetBuildStats", context}, backend_.disk, request, response,
       [store = backend_.store](const v1::GetBuildStatsRequest& stats) -> absl::StatusOr<v1::GetBuildStatsResponse> {
         const absl::StatusOr<std::string> id = store->Resolve(stats.mesh());
         if (!id.ok()) return id.status();

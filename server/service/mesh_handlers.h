@@ -5,6 +5,7 @@
 
 #include "deltaray/v1/mesh_service.grpc.pb.h"
 #include "server/service/calls.h"
+#include "server/service/unary_call.h"
 #include "server/service/upload_call.h"
 
 namespace deltaray {
@@ -18,7 +19,8 @@ class MeshHandlers final
                       v1::MeshService::WithRawCallbackMethod_GetBuildStats<v1::MeshService::Service>>>>>>>> {
  public:
   // `calls` outlives the handlers.
-  MeshHandlers(Calls* calls, const UploadBackend& backend) : calls_(calls), backend_(backend) {}
+  MeshHandlers(Calls* calls, const UploadBackend& backend)
+      : calls_(calls), backend_(backend), unary_{calls, backend.budget, backend.max_message_bytes} {}
 
   grpc::ServerReadReactor<grpc::ByteBuffer>* UploadMesh(grpc::CallbackServerContext* context,
                                                         grpc::ByteBuffer* response) override;
@@ -40,6 +42,7 @@ class MeshHandlers final
  private:
   Calls* const calls_;
   const UploadBackend backend_;
+  const UnaryBackend unary_;
 };
 
 }  // namespace deltaray

@@ -18,58 +18,23 @@ constexpr uint64_t kComparisonBytesPerRay = 3 * 2 * 2 * sizeof(uint32_t);
 // A request of more bytes is parsed on a thread of the tracer.
 constexpr size_t kSmallRequestBytes = 20'000;
 
-// A call that takes memory of the budget until its client has taken the reply.
-class BatchCall final : public UnaryCall {
- public:
-  BatchCall(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget)
-      : UnaryCall(calls, response), share_(budget) {}
-
-  static std::shared_ptr<BatchCall> Make(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget) {
-    auto call = std::make_shared<BatchCall>(calls, response, budget);
-    call->weak_self_ = call;
-    return call;
+// Whether the call, of a message of `message_bytes`, may take `bytes` now. False: `answer` will run on the tracer once
+// it may. RESOURCE_EXHAUSTED: too many wait already.
+absl::StatusOr<bool> MayBegin(UnaryCall& call, uint64_t message_bytes, uint64_t bytes, Tracer* tracer,
+                              std::function<void()> answer) {
+  switch (call.Begin(message_bytes, bytes, [tracer, answer = std::move(answer)] { tracer->Enqueue(answer); })) {
+    case BatchBudget::Answer::kNow:
+      return true;
+    case BatchBudget::Answer::kLater:
+      return false;
+    case BatchBudget::Answer::kNever:
+      break;
   }
+  return absl::ResourceExhaustedError(
+      "the memory for batches is in use (--batch-bytes); retry later with back-off, or use StreamRays, which waits");
+}
 
-  // Whether the call, of a message of `message_bytes`, may take `bytes` now. False: `answer` will run on the tracer
-  // once it may. RESOURCE_EXHAUSTED: too many wait already.
-  absl::StatusOr<bool> MayBegin(uint64_t message_bytes, uint64_t bytes, Tracer* tracer, std::function<void()> answer) {
-    message_bytes_ = message_bytes;
-    switch (share_.Begin(message_bytes, bytes, /*may_refuse=*/true,
-                         [tracer, answer = std::move(answer)] { tracer->Enqueue(answer); })) {
-      case BatchBudget::Answer::kNow:
-        return true;
-      case BatchBudget::Answer::kLater:
-        return false;
-      case BatchBudget::Answer::kNever:
-        break;
-    }
-    return absl::ResourceExhaustedError(
-        "the memory for batches is in use (--batch-bytes); retry later with back-off, or use StreamRays, which waits");
-  }
-
-  void ReplyWithShare(const absl::Status& status, grpc::ByteBuffer reply) {
-    // gRPC keeps the request of a unary call to its end.
-    share_.Reply(message_bytes_ + reply.Length(), [weak_self = weak_self_] {
-      if (const auto self = weak_self.lock()) self->OnReplyLost();
-    });
-    Reply(status, std::move(reply));
-  }
-
- private:
-  void BeforeFinish() override { share_.Withdraw(); }
-
-  void OnReplyLost() {
-    MutexLock lock(mutex_);
-    CutOff(absl::ResourceExhaustedError(
-        "the reply was not taken while the memory for batches was short (--batch-bytes); retry later"));
-  }
-
-  BatchBudget::Share share_;
-  uint64_t message_bytes_ = 0;
-  std::weak_ptr<BatchCall> weak_self_;
-};
-
-void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
+void ReplyTo(UnaryCall& call, absl::StatusOr<BatchJob::Answer> answer) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
     if (!answer.ok()) return answer.status();
@@ -78,10 +43,10 @@ void ReplyTo(BatchCall& call, absl::StatusOr<BatchJob::Answer> answer) {
     reply = SerializeMessage(response, v1::CastRaysResponse::kHitsFieldNumber, std::move(answer->hits));
     return absl::OkStatus();
   });
-  call.ReplyWithShare(status, std::move(reply));
+  call.Reply(status, std::move(reply));
 }
 
-absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<BatchCall>& call, grpc::ByteBuffer bytes,
+absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call, grpc::ByteBuffer bytes,
                            std::shared_ptr<BatchMeter> meter) {
   const uint64_t message_bytes = bytes.Length();
   v1::CastRaysRequest request;
@@ -95,8 +60,8 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Batc
   job->cancelled = [call] { return call->cancelled(); };
   job->done = [call](absl::StatusOr<BatchJob::Answer> answer) { ReplyTo(*call, std::move(answer)); };
   const absl::StatusOr<bool> now =
-      call->MayBegin(message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
-                     backend.tracer, [backend, job] { RunBatch(backend, job); });
+      MayBegin(*call, message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
+               backend.tracer, [backend, job] { RunBatch(backend, job); });
   if (!now.ok() || !*now) return now.status();
   const size_t rays_bytes = job->rays.rays.size;
   if (IsSmall(*query, rays_bytes)) {
@@ -115,7 +80,7 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Batc
 
 // The rest of a CompareAccuracy call, on a thread of the tracer.
 void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const ComparisonQuery& comparison,
-               const RayBatchBytes& rays, BatchCall& call) {
+               const RayBatchBytes& rays, UnaryCall& call) {
   grpc::ByteBuffer reply;
   const absl::Status status = CatchExceptions([&] {
     const BatchControl control{[&] { return call.cancelled(); }, [&] { backend.tracer->RunShort(); }};
@@ -127,10 +92,10 @@ void CompareOn(const MeshStore::Answer& tree, const RayBackend& backend, const C
     reply = SerializeMessage(*response);
     return absl::OkStatus();
   });
-  call.ReplyWithShare(status, std::move(reply));
+  call.Reply(status, std::move(reply));
 }
 
-absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<BatchCall>& call,
+absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<UnaryCall>& call,
                               grpc::ByteBuffer bytes) {
   const uint64_t message_bytes = bytes.Length();
   v1::CompareAccuracyRequest request;
@@ -150,7 +115,8 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<B
         });
   };
   const uint64_t errors_bytes = rays->rays.size / comparison->query.RayBytes() * kComparisonBytesPerRay;
-  const absl::StatusOr<bool> now = call->MayBegin(message_bytes, message_bytes + errors_bytes, backend.tracer, compare);
+  const absl::StatusOr<bool> now =
+      MayBegin(*call, message_bytes, message_bytes + errors_bytes, backend.tracer, compare);
   if (!now.ok()) return now.status();
   if (*now) compare();
   return absl::OkStatus();
@@ -160,8 +126,8 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<B
 
 grpc::ServerUnaryReactor* RayHandlers::CastRays(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                 grpc::ByteBuffer* response) {
-  auto call = BatchCall::Make(calls_, response, backend_.budget);
-  if (!BatchCall::Admit(call, {"RayService/CastRays", context})) return call.get();
+  auto call = UnaryCall::Make(calls_, response, backend_.budget);
+  if (!UnaryCall::Admit(call, {"RayService/CastRays", context})) return call.get();
   const bool on_tracer = request->Length() > kSmallRequestBytes;
   auto answer = [backend = backend_, call, bytes = *request,
                  meter = std::make_shared<BatchMeter>(backend_.metrics, &call->record())] {
@@ -183,8 +149,8 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* RayHandlers::Stream
 
 grpc::ServerUnaryReactor* RayHandlers::CompareAccuracy(grpc::CallbackServerContext* context,
                                                        const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
-  auto call = BatchCall::Make(calls_, response, backend_.budget);
-  if (!BatchCall::Admit(call, {"RayService/CompareAccuracy", context})) return call.get();
+  auto call = UnaryCall::Make(calls_, response, backend_.budget);
+  if (!UnaryCall::Admit(call, {"RayService/CompareAccuracy", context})) return call.get();
   backend_.tracer->Enqueue([backend = backend_, call, bytes = *request] {
     const absl::Status status = CatchExceptions([&] { return AnswerComparison(backend, call, bytes); });
     if (!status.ok()) call->Reply(status, {});

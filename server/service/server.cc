@@ -106,9 +106,9 @@ class GrpcServer final : public Server {
         disk_(kDiskThreads),
         commits_(kCommitThreads),
         mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
-                                 options.batch.max_message_bytes, metrics_.get()}),
-        ray_handlers_(&calls_, {store_.get(), &tracer_, options.batch, &batch_budget_, metrics_.get()}),
-        health_handlers_(&calls_, store_.get()) {}
+                                 options.batch.max_message_bytes, &batch_budget_, metrics_.get()}),
+        ray_handlers_(&calls_, {store_.get(), &disk_, &tracer_, options.batch, &batch_budget_, metrics_.get()}),
+        health_handlers_(&calls_, store_.get(), &disk_, &batch_budget_) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));

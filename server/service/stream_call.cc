@@ -33,8 +33,11 @@ void StreamCall::OnReadDone(bool ok) {
   {
     MutexLock lock(mutex_);
     reading_ = false;
-    const absl::Status status = CatchExceptions([&] {
-      if (ok) TakeMessage(std::exchange(incoming_, grpc::ByteBuffer()));
+    const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+      grpc::ByteBuffer message = std::exchange(incoming_, grpc::ByteBuffer());
+      if (!ok || finished_ || draining_) return absl::OkStatus();
+      if (target_ == nullptr) return TakeStart(std::move(message));
+      TakeBatch(std::move(message));
       return absl::OkStatus();
     });
     if (!ok) reads_ended_ = true;
@@ -45,39 +48,58 @@ void StreamCall::OnReadDone(bool ok) {
   Work(batches);
 }
 
-void StreamCall::TakeMessage(grpc::ByteBuffer message) {
-  if (finished_ || draining_) return;
-  absl::Status status;
-  if (target_ == nullptr) {
-    std::shared_ptr<const Target> read;
-    status = CatchExceptions([&] {
-      absl::StatusOr<Target> target = ReadStart(std::move(message));
-      if (target.ok()) read = std::make_shared<const Target>(*std::move(target));
-      return target.status();
-    });
-    target_ = std::move(read);
-    if (status.ok()) return;
-    reads_ended_ = true;
+absl::Status StreamCall::TakeStart(grpc::ByteBuffer message) {
+  v1::StreamRaysRequest request;
+  if (absl::Status status = ParseSmallMessage(std::move(message), &request); !status.ok()) return status;
+  if (!request.has_start()) return absl::InvalidArgumentError("the first message of the stream must hold start");
+  const absl::StatusOr<BatchQuery> query = ReadQuery(request.start().query());
+  if (!query.ok()) return Prefix(query.status(), "start.");
+  const std::string& mesh = request.start().mesh();
+  if (backend_.store->IsKnown(mesh)) return SetTarget(backend_.store->Resolve(mesh), *query);
+  finding_ = true;
+  backend_.disk->Run([self = weak_self_.lock(), mesh, query = *query] { self->FindOnDisk(mesh, query); });
+  return absl::OkStatus();
+}
+
+void StreamCall::FindOnDisk(const std::string& mesh, const BatchQuery& query) {
+  if (cancelled()) return;
+  absl::StatusOr<std::string> id;
+  const absl::Status found = CatchExceptions([&] {
+    id = backend_.store->Resolve(mesh);
+    return id.status();
+  });
+  std::vector<BatchPointer> batches;
+  {
+    MutexLock lock(mutex_);
+    finding_ = false;
+    const absl::Status status = SetTarget(found.ok() ? id : found, query);
+    if (!status.ok()) FinishOnce(status);
+    batches = Advance();
   }
+  Work(batches);
+}
+
+absl::Status StreamCall::SetTarget(const absl::StatusOr<std::string>& id, const BatchQuery& query) {
+  if (id.ok()) target_ = std::make_shared<const Target>(Target{*id, query});
+  return Prefix(id.status(), "start.mesh: ");
+}
+
+void StreamCall::TakeBatch(grpc::ByteBuffer message) {
   auto batch = std::make_shared<Batch>();
   batch->number = batches_read_++;
   batch->share = std::move(incoming_share_);
   batch->request = std::move(message);
   batch->meter = std::make_shared<BatchMeter>(backend_.metrics, &record());
-  batch->done = !status.ok();
-  batch->status = std::move(status);
-  if (!batch->done) {
-    const uint64_t bytes = batch->request.Length();
-    const uint64_t needed_bytes = bytes + MaxAnswerBytes(target_->query, bytes, backend_.limits);
-    // Clients send small batches between large ones.
-    expected_bytes_ = std::max(needed_bytes, expected_bytes_ / 4 * 3);
-    batch->admitted = batch->share->Begin(bytes, needed_bytes, /*may_refuse=*/false,
-                                          [weak_self = weak_self_, weak_batch = std::weak_ptr<Batch>(batch)] {
-                                            const auto self = weak_self.lock();
-                                            const auto batch = weak_batch.lock();
-                                            if (self != nullptr && batch != nullptr) self->OnRoomToAnswer(batch);
-                                          }) == BatchBudget::Answer::kNow;
-  }
+  const uint64_t bytes = batch->request.Length();
+  const uint64_t needed_bytes = bytes + MaxAnswerBytes(target_->query, bytes, backend_.limits);
+  // Clients send small batches between large ones.
+  expected_bytes_ = std::max(needed_bytes, expected_bytes_ / 4 * 3);
+  batch->admitted = batch->share->Begin(bytes, needed_bytes, /*may_refuse=*/false,
+                                        [weak_self = weak_self_, weak_batch = std::weak_ptr<Batch>(batch)] {
+                                          const auto self = weak_self.lock();
+                                          const auto batch = weak_batch.lock();
+                                          if (self != nullptr && batch != nullptr) self->OnRoomToAnswer(batch);
+                                        }) == BatchBudget::Answer::kNow;
   line_.push_back(std::move(batch));
 }
 
@@ -124,17 +146,6 @@ void StreamCall::OnReplyLost() {
   CutOff(absl::ResourceExhaustedError(
       absl::StrCat("replies were not taken for ", absl::FormatDuration(absl::FromChrono(BatchBudget::kStall)),
                    " while the memory for batches was short (--batch-bytes); read replies while sending")));
-}
-
-absl::StatusOr<StreamCall::Target> StreamCall::ReadStart(grpc::ByteBuffer message) const {
-  v1::StreamRaysRequest request;
-  if (absl::Status status = ParseSmallMessage(std::move(message), &request); !status.ok()) return status;
-  if (!request.has_start()) return absl::InvalidArgumentError("the first message of the stream must hold start");
-  absl::StatusOr<BatchQuery> query = ReadQuery(request.start().query());
-  if (!query.ok()) return Prefix(query.status(), "start.");
-  absl::StatusOr<std::string> id = backend_.store->Resolve(request.start().mesh());
-  if (!id.ok()) return Prefix(id.status(), "start.mesh: ");
-  return Target{*std::move(id), *query};
 }
 
 void StreamCall::OnWriteDone(bool ok) {
@@ -205,7 +216,7 @@ std::vector<StreamCall::BatchPointer> StreamCall::Advance() {
   }
 
   // Read on while there is room in line.
-  if (!reading_ && incoming_share_ == nullptr && !reads_ended_ && !draining_ &&
+  if (!reading_ && !finding_ && incoming_share_ == nullptr && !reads_ended_ && !draining_ &&
       line_.size() + (writing_ ? 1 : 0) < kReadAhead) {
     ReadOn();
   }

@@ -64,10 +64,13 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   void BeforeFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   const char* MissingFromClient() const override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
-  // Reads the first message.
-  absl::StatusOr<Target> ReadStart(grpc::ByteBuffer message) const;
-  // Puts what was read in line.
-  void TakeMessage(grpc::ByteBuffer message) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The first message: finds the mesh, on the disk where it is not known.
+  absl::Status TakeStart(grpc::ByteBuffer message) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void FindOnDisk(const std::string& mesh, const BatchQuery& query) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status SetTarget(const absl::StatusOr<std::string>& id, const BatchQuery& query)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The others: puts what was read in line.
+  void TakeBatch(grpc::ByteBuffer message) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Reads the next message, once there is room for it.
   void ReadOn() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The budget has room: for the next message; for the batch.
@@ -96,7 +99,8 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   bool writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_ended_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more will be read
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
-  std::shared_ptr<const Target> target_ ABSL_GUARDED_BY(mutex_);  // nullptr until the first message was read
+  bool finding_ ABSL_GUARDED_BY(mutex_) = false;                  // the mesh is looked for on the disk
+  std::shared_ptr<const Target> target_ ABSL_GUARDED_BY(mutex_);  // nullptr until the mesh was found
   std::deque<BatchPointer> line_ ABSL_GUARDED_BY(mutex_);
   uint64_t batches_read_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t batches_answered_ ABSL_GUARDED_BY(mutex_) = 0;

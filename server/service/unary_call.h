@@ -11,54 +11,76 @@
 #include "absl/status/statusor.h"
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/server_callback.h"
+#include "server/service/batch_budget.h"
 #include "server/service/call_reactor.h"
 #include "server/service/message_bytes.h"
 #include "server/service/worker_pool.h"
 
 namespace deltaray {
 
-// A unary call that is finished by Reply, from any thread.
-class UnaryCall : public CallReactor<grpc::ServerUnaryReactor> {
+// A unary call that is finished by Reply or ReplyInTurn, from any thread. It has a share of a budget until its client
+// has taken the reply.
+class UnaryCall final : public CallReactor<grpc::ServerUnaryReactor> {
  public:
-  // `response` belongs to gRPC and lives as long as the call is not finished.
-  UnaryCall(Calls* calls, grpc::ByteBuffer* response) : CallReactor(calls), response_(response) {}
+  // `response` belongs to gRPC and lives as long as the call is not finished; the others outlive the call.
+  static std::shared_ptr<UnaryCall> Make(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget);
+  UnaryCall(Calls* calls, grpc::ByteBuffer* response, BatchBudget* budget)
+      : CallReactor(calls), response_(response), share_(budget) {}
 
-  // Finishes the call with `reply`, or where `status` is not OK with that.
-  void Reply(const absl::Status& status, grpc::ByteBuffer reply) {
-    MutexLock lock(mutex_);
-    if (finished_) return;
-    response_->Swap(&reply);
-    FinishOnce(status);
-  }
+  // BatchBudget::Share::Begin, where those that wait may be too many.
+  BatchBudget::Answer Begin(uint64_t message_bytes, uint64_t bytes, std::function<void()> granted);
+
+  // Finishes the call with `reply`, or where `status` is not OK with that. What Begin got is given back but for the
+  // reply and the message, which gRPC keeps to the call's end.
+  void Reply(const absl::Status& status, grpc::ByteBuffer reply);
+  // Reply(OK, reply), once there is room for it. REQUIRES: Begin was not called.
+  void ReplyInTurn(const grpc::ByteBuffer& reply);
 
   using CallReactor::Admit;
 
  private:
+  void BeforeFinish() override { share_.Withdraw(); }
+  void OnReplyLost();
+
   grpc::ByteBuffer* const response_;
+  BatchBudget::Share share_;
+  uint64_t message_bytes_ = 0;  // of Begin
+  std::weak_ptr<UnaryCall> weak_self_;
 };
 
-// Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block.
-// The request holds neither rays nor files, see ParseSmallMessage. A reply of more than max_reply_bytes becomes
-// RESOURCE_EXHAUSTED.
+// What AnswerUnary needs; all of it outlives every call.
+struct UnaryBackend {
+  Calls* calls;
+  BatchBudget* budget;       // of which replies take, until they are taken
+  uint64_t max_reply_bytes;  // what is more becomes RESOURCE_EXHAUSTED
+};
+
+// Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block;
+// not at all where nobody waits for it any more. The request holds neither rays nor files, see ParseSmallMessage.
 template <typename Request, typename Response>
-grpc::ServerUnaryReactor* AnswerUnary(Calls* calls, const RpcInfo& rpc, WorkerPool* pool, uint64_t max_reply_bytes,
+grpc::ServerUnaryReactor* AnswerUnary(const UnaryBackend& backend, const RpcInfo& rpc, WorkerPool* pool,
                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
                                       std::function<absl::StatusOr<Response>(const Request&)> handler) {
-  auto call = std::make_shared<UnaryCall>(calls, response);
+  auto call = UnaryCall::Make(backend.calls, response, backend.budget);
   if (!UnaryCall::Admit(call, rpc)) return call.get();
-  auto answer = [call, max_reply_bytes, bytes = *request, handler = std::move(handler)] {
+  auto answer = [call, max_bytes = backend.max_reply_bytes, bytes = *request, handler = std::move(handler)] {
+    if (call->cancelled()) return;
     const LogScope scope(call->record().request_id);
-    grpc::ByteBuffer reply;
     const absl::Status status = CatchExceptions([&]() -> absl::Status {
-      Request message;
-      if (absl::Status status = ParseSmallMessage(bytes, &message); !status.ok()) return status;
-      const absl::StatusOr<Response> answer = handler(message);
-      if (!answer.ok()) return answer.status();
-      absl::StatusOr<grpc::ByteBuffer> bytes = SerializeReply(*answer, max_reply_bytes);
-      if (bytes.ok()) reply.Swap(&*bytes);
-      return bytes.status();
+      grpc::ByteBuffer reply;
+      {
+        Request message;
+        if (absl::Status status = ParseSmallMessage(bytes, &message); !status.ok()) return status;
+        const absl::StatusOr<Response> answer = handler(message);
+        if (!answer.ok()) return answer.status();
+        absl::StatusOr<grpc::ByteBuffer> serialized = SerializeReply(*answer, max_bytes);
+        if (!serialized.ok()) return serialized.status();
+        reply.Swap(&*serialized);
+      }
+      call->ReplyInTurn(reply);
+      return absl::OkStatus();
     });
-    call->Reply(status, std::move(reply));
+    if (!status.ok()) call->Reply(status, {});
   };
   if (pool == nullptr) {
     answer();

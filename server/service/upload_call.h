@@ -8,6 +8,7 @@
 
 #include "grpcpp/support/byte_buffer.h"
 #include "grpcpp/support/server_callback.h"
+#include "server/service/batch_budget.h"
 #include "server/service/call_reactor.h"
 #include "server/service/metrics.h"
 #include "server/service/worker_pool.h"
@@ -22,6 +23,7 @@ struct UploadBackend {
   WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
   uint64_t max_upload_bytes;
   uint64_t max_message_bytes;  // of a reply
+  BatchBudget* budget;         // of which replies take, until they are taken
   Metrics* metrics;
 };
 
@@ -34,7 +36,7 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
                                                           const UploadBackend& backend, grpc::ByteBuffer* response);
 
   UploadCall(Calls* calls, const UploadBackend& backend, grpc::ByteBuffer* response)
-      : CallReactor(calls), backend_(backend), response_(response) {}
+      : CallReactor(calls), backend_(backend), response_(response), reply_share_(backend.budget) {}
 
  private:
   void OnReadDone(bool ok) override;
@@ -51,9 +53,11 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   void RunStep(WorkerPool* pool, Step step);
   absl::Status TakeMessage();
   absl::Status Commit();
+  void OnReplyLost();
 
   const UploadBackend backend_;
   grpc::ByteBuffer* const response_;
+  BatchBudget::Share reply_share_;
   std::weak_ptr<UploadCall> weak_self_;
   bool reading_ ABSL_GUARDED_BY(mutex_) = false;
 

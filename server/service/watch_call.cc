@@ -13,13 +13,13 @@ constexpr std::chrono::milliseconds kWatchInterval{100};
 }  // namespace
 
 grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, const RpcInfo& rpc, MeshStore* store,
-                                                             const grpc::ByteBuffer* request) {
-  auto call = std::make_shared<WatchCall>(calls, store);
+                                                             WorkerPool* disk, const grpc::ByteBuffer* request) {
+  auto call = std::make_shared<WatchCall>(calls, store, disk);
   call->weak_self_ = call;
   if (Admit(call, rpc)) {
     MutexLock lock(call->mutex_);
     const absl::Status status =
-        CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return call->Resolve(*request); });
+        CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return call->ReadRequest(*request); });
     if (status.ok()) {
       call->Look();
     } else {
@@ -29,18 +29,50 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchCall::Start(Calls* calls, const
   return call.get();
 }
 
-absl::Status WatchCall::Resolve(const grpc::ByteBuffer& request) {
+absl::Status WatchCall::ReadRequest(const grpc::ByteBuffer& request) {
   v1::WatchBuildRequest message;
   if (absl::Status status = ParseSmallMessage(request, &message); !status.ok()) return status;
-  // By id from here on: the name may move.
-  absl::StatusOr<std::string> id = store_->Resolve(message.mesh());
-  if (id.ok()) id_ = *std::move(id);
-  return id.status();
+  mesh_ = message.mesh();
+  return absl::OkStatus();
 }
 
 void WatchCall::Look() {
   if (finished_) return;
-  const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return Report(); });
+  const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    if (store_->IsKnown(mesh_)) {
+      LookAt(store_->Resolve(mesh_));
+    } else {
+      disk_->Run([self = weak_self_.lock()] { self->LookOnDisk(); });
+    }
+    return absl::OkStatus();
+  });
+  if (!status.ok()) FinishOnce(status);
+}
+
+void WatchCall::LookOnDisk() {
+  std::string mesh;
+  {
+    MutexLock lock(mutex_);
+    if (finished_) return;
+    mesh = mesh_;
+  }
+  // Without the lock, which the call's reactions and the ticker take.
+  absl::StatusOr<std::string> id;
+  const absl::Status status = CatchExceptions([&] {
+    id = store_->Resolve(mesh);
+    return id.status();
+  });
+  MutexLock lock(mutex_);
+  LookAt(status.ok() ? id : status);
+}
+
+void WatchCall::LookAt(const absl::StatusOr<std::string>& id) {
+  if (finished_) return;
+  const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    if (!id.ok()) return id.status();
+    mesh_ = *id;
+    return Report();
+  });
   if (!status.ok()) FinishOnce(status);
   if (finished_) return;
   // An alarm cannot be set anew from within its own callback, which it keeps: held by that, the call would never die.
@@ -56,12 +88,12 @@ void WatchCall::Look() {
 absl::Status WatchCall::Report() {
   // Once: of meshes that do not fit into memory together, those who watch them would have each other's built again and
   // again.
-  absl::StatusOr<BuildReport> report = store_->Watch(id_, /*start=*/!reported_);
+  absl::StatusOr<BuildReport> report = store_->Watch(mesh_, /*start=*/!reported_);
   if (!report.ok()) return report.status();
   if (writing_) return absl::OkStatus();
 
   v1::WatchBuildResponse response;
-  response.set_id(id_);
+  response.set_id(mesh_);
   *response.mutable_progress() = ToMessage(*report);
   v1::BuildProgress progress = response.progress();
   progress.clear_elapsed_seconds();

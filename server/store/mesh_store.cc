@@ -35,6 +35,7 @@ class Store final : public MeshStore {
 
   absl::StatusOr<std::unique_ptr<Upload>> StartUpload() override;
   absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const override;
+  bool IsKnown(absl::string_view mesh) const override { return directory_.catalog().Find(mesh).ok(); }
   absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override;
   std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const override;
   absl::StatusOr<std::string> Name(absl::string_view name, absl::string_view mesh) override;

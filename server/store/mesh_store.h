@@ -153,7 +153,9 @@ class MeshStore {
 
   // Reads the groups from the mesh's file.
   virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
-  // The id of a mesh, where there is such a mesh. Cheap.
+  // Whether a mesh is known, so that nothing that is asked of it is looked for on the disk. Cheap, and never blocks.
+  virtual bool IsKnown(absl::string_view mesh) const = 0;
+  // The id of a mesh, where there is such a mesh. Cheap where it is known.
   virtual absl::StatusOr<std::string> Resolve(absl::string_view mesh) const = 0;
   // At most `limit` meshes with id > after_id, in order of id, without groups.
   virtual std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const = 0;

@@ -8,6 +8,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "tests/unit/service/http_get.h"
 #include "tests/unit/service/meshes.h"
 #include "tests/unit/service/running_server.h"
 
@@ -88,6 +89,22 @@ TEST_F(BatchBudgetTest, LetsOneThroughWithoutRoomWhileNobodyWorks) {
   std::atomic<bool> granted{false};
   EXPECT_EQ(second.Begin(kMega, 2 * kMega, false, [&] { granted = true; }), Answer::kLater);
   first.Reply(0, kNothing);
+  EXPECT_TRUE(Eventually([&] { return granted.load(); }));
+}
+
+TEST_F(BatchBudgetTest, RepliesThatNobodyTakesLetInNoMoreThanOneWithoutRoom) {
+  std::vector<std::unique_ptr<Share>> untaken;
+  for (int i = 0; i < 17; ++i) {
+    untaken.push_back(Working(kMega));
+    untaken.back()->Reply(kMega, kNothing);
+  }
+  EXPECT_EQ(budget_.used(), 17 * kMega);
+  Share waiting(&budget_);
+  std::atomic<bool> granted{false};
+  EXPECT_EQ(waiting.Begin(0, kMega, true, [&] { granted = true; }), Answer::kLater);
+  untaken.pop_back();
+  EXPECT_FALSE(granted);
+  untaken.pop_back();
   EXPECT_TRUE(Eventually([&] { return granted.load(); }));
 }
 
@@ -278,6 +295,62 @@ TEST_F(BudgetedServerTest, AStreamThatTakesNoRepliesGivesWayToOthers) {
   }
   for (const auto& context : contexts) context->TryCancel();
   for (const auto& stream : stalled) stream->Finish();
+}
+
+TEST_F(BudgetedServerTest, MeshesThatNobodyReadsTakeABoundedPart) {
+  options_.batch.max_message_bytes = 16 * kMega;
+  options_.batch_bytes = 1;  // 64 MiB
+  options_.metrics_listen = "127.0.0.1:0";
+  Start();
+  // 3 MiB of names of groups.
+  std::string obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  for (int i = 0; i < 3072; ++i) absl::StrAppend(&obj, "g ", std::string(1019, 'a'), 1000 + i, "\nf 1 2 3\n");
+  v1::UploadHeader header;
+  header.set_name("groups");
+  v1::UploadMeshResponse uploaded;
+  const grpc::Status upload = Upload(obj, header, &uploaded, 1 << 20);
+  ASSERT_TRUE(upload.ok()) << upload.error_message();
+
+  // The value of a line of the metrics.
+  const auto metric = [this](const std::string& name) {
+    const std::string page = HttpGet(server_->metrics_port(), "/metrics");
+    const size_t at = page.find(absl::StrCat("\n", name, " "));
+    return at == std::string::npos ? -1 : std::stod(page.substr(at + name.size() + 2));
+  };
+  v1::GetMeshRequest request;
+  request.set_mesh("groups");
+  grpc::Slice slice(request.SerializeAsString());
+  const grpc::ByteBuffer bytes(&slice, 1);
+  // Else gRPC would take megabytes that nobody asks it for.
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  const auto channel = Connect(arguments);
+  std::vector<std::unique_ptr<grpc::ClientContext>> contexts;
+  std::vector<std::unique_ptr<grpc::ClientReader<grpc::ByteBuffer>>> unread;
+  for (int i = 0; i < 100; ++i) {
+    contexts.push_back(std::make_unique<grpc::ClientContext>());
+    unread.emplace_back(grpc::internal::ClientReaderFactory<grpc::ByteBuffer>::Create(
+        channel.get(),
+        grpc::internal::RpcMethod("/deltaray.v1.MeshService/GetMesh", grpc::internal::RpcMethod::SERVER_STREAMING),
+        contexts.back().get(), bytes));
+  }
+  EXPECT_TRUE(Eventually([&] {
+    return metric("deltaray_calls_total{code=\"RESOURCE_EXHAUSTED\",method=\"MeshService/GetMesh\"}") >= 70;
+  }));
+  EXPECT_LE(metric("deltaray_batch_bytes"), (64 + 16 + 2 * 4) * kMega);
+  // Others have their turn once those have lost theirs.
+  grpc::Status got;
+  EXPECT_TRUE(Eventually(
+      [&] {
+        grpc::ClientContext context;
+        v1::GetMeshResponse response;
+        got = v1::MeshService::NewStub(Connect())->GetMesh(&context, request, &response);
+        return got.ok() && response.mesh().groups_size() == 3072;
+      },
+      seconds(60)))
+      << got.error_message();
+  for (const auto& context : contexts) context->TryCancel();
+  for (const auto& reader : unread) reader->Finish();
 }
 
 }  // namespace

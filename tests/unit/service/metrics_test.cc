@@ -1,9 +1,5 @@
 #include "server/service/metrics.h"
 
-#include <arpa/inet.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <chrono>
 #include <future>
 
@@ -11,6 +7,7 @@
 #include "gtest/gtest.h"
 #include "prometheus/text_serializer.h"
 #include "server/service/mesh_metrics.h"
+#include "tests/unit/service/http_get.h"
 #include "tests/unit/service/meshes.h"
 #include "tests/unit/service/running_server.h"
 
@@ -19,24 +16,6 @@ namespace {
 
 using testing::HasSubstr;
 using testing::Not;
-
-// What an HTTP server at this port of the machine answers to GET `path`, headers and all.
-std::string HttpGet(int port, const std::string& path) {
-  const int fd = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<uint16_t>(port));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  std::string reply;
-  if (connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0) {
-    const std::string request = absl::StrCat("GET ", path, " HTTP/1.0\r\n\r\n");
-    EXPECT_EQ(write(fd, request.data(), request.size()), static_cast<ssize_t>(request.size()));
-    char buffer[4096];
-    for (ssize_t n; (n = read(fd, buffer, sizeof(buffer))) > 0;) reply.append(buffer, static_cast<size_t>(n));
-  }
-  close(fd);
-  return reply;
-}
 
 class MetricsTest : public RunningServer {
  protected:

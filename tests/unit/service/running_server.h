@@ -64,19 +64,24 @@ class HookedTree final : public Tree {
   const std::function<void()> end_;
 };
 
-// A store whose trees call hooks before and after each query, and whose progress can be made up.
+// A store whose trees call hooks before and after each query, whose progress can be made up, and whose directory can be
+// slow.
 class HookedStore final : public MeshStore {
  public:
   struct Hooks {
     std::function<void(size_t rays)> on_query = [](size_t) {};
     std::function<void()> on_query_end = [] {};
     std::function<void(BuildReport*)> on_watch = [](BuildReport*) {};
+    std::function<void()> on_look_up = [] {};  // a mesh that is not known is looked for on the disk
   };
 
   HookedStore(std::unique_ptr<MeshStore> inner, Hooks hooks) : inner_(std::move(inner)), hooks_(std::move(hooks)) {}
 
   absl::StatusOr<std::unique_ptr<Upload>> StartUpload() override { return inner_->StartUpload(); }
-  absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const override { return inner_->Get(mesh); }
+  absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const override {
+    LookUp(mesh);
+    return inner_->Get(mesh);
+  }
   std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const override {
     return inner_->List(after_id, limit);
   }
@@ -87,7 +92,11 @@ class HookedStore final : public MeshStore {
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override {
     return inner_->Rebuild(mesh, config);
   }
-  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override { return inner_->Resolve(mesh); }
+  bool IsKnown(absl::string_view mesh) const override { return inner_->IsKnown(mesh); }
+  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override {
+    LookUp(mesh);
+    return inner_->Resolve(mesh);
+  }
   void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                 std::function<bool()> cancelled) override {
     const auto on_tree = [this, callback](absl::StatusOr<Answer> answer) {
@@ -98,12 +107,14 @@ class HookedStore final : public MeshStore {
       }
       callback(std::move(answer));
     };
+    LookUp(mesh);
     inner_->WithTree(mesh, final, on_tree, std::move(cancelled));
   }
   void ForgetCancelled() override { inner_->ForgetCancelled(); }
   void StopWaiting(const absl::Status& status) override { inner_->StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override { inner_->NoteAnswer(answer); }
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start) override {
+    LookUp(mesh);
     absl::StatusOr<BuildReport> report = inner_->Watch(mesh, start);
     if (report.ok()) hooks_.on_watch(&*report);
     return report;
@@ -114,6 +125,10 @@ class HookedStore final : public MeshStore {
   StoreUsage Usage() const override { return inner_->Usage(); }
 
  private:
+  void LookUp(absl::string_view mesh) const {
+    if (!inner_->IsKnown(mesh)) hooks_.on_look_up();
+  }
+
   const std::unique_ptr<MeshStore> inner_;
   const Hooks hooks_;
 };
@@ -141,6 +156,34 @@ class HeldQueries {
  private:
   struct State {
     std::atomic<bool> begun{false}, let_go{false};
+  };
+  const std::shared_ptr<State> state_ = std::make_shared<State>();
+};
+
+// A directory that does not answer for a time: whoever looks for a mesh that is not known waits.
+class HeldLookUps {
+ public:
+  ~HeldLookUps() { LetGo(); }
+
+  // For HookedStore; may outlive this.
+  HookedStore::Hooks hooks() const {
+    HookedStore::Hooks hooks;
+    hooks.on_look_up = [state = state_] {
+      ++state->waiting;
+      while (!state->let_go) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+    return hooks;
+  }
+  // Whether so many wait.
+  bool Await(int count) const {
+    return Eventually([&] { return state_->waiting >= count; });
+  }
+  void LetGo() { state_->let_go = true; }
+
+ private:
+  struct State {
+    std::atomic<int> waiting{0};
+    std::atomic<bool> let_go{false};
   };
   const std::shared_ptr<State> state_ = std::make_shared<State>();
 };
