@@ -51,6 +51,7 @@ Listener::Listener(uint32_t max_connections)
 
 absl::StatusOr<std::unique_ptr<Listener>> Listener::Open(const std::string& address, uint32_t max_connections) {
   std::unique_ptr<Listener> listener(new Listener(max_connections));
+  if (listener->stop_event_ < 0) return Unavailable(address, std::strerror(errno));
   absl::string_view path = address;
   const absl::Status status =
       absl::ConsumePrefix(&path, "unix:") ? listener->BindUnix(std::string(path)) : listener->BindTcp(address);
@@ -222,8 +223,13 @@ bool Listener::AcceptAll(int socket) {
 
 void Listener::TakeOver(int connection) {
   struct stat file;
-  if (fstat(connection, &file) != 0 || !HasRoom()) return Refuse(connection);
-  connections_.push_back({connection, file.st_dev, file.st_ino});
+  bool has_room = fstat(connection, &file) == 0;
+  if (has_room) {
+    MutexLock lock(connections_mutex_);
+    has_room = HasRoom();
+    if (has_room) connections_.push_back({connection, file.st_dev, file.st_ino});
+  }
+  if (!has_room) return Refuse(connection);
   // Fails for unix:path, which needs it not.
   const int on = 1;
   setsockopt(connection, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
@@ -237,15 +243,23 @@ bool Listener::HasRoom() {
   const auto now = std::chrono::steady_clock::now();
   if (now - last_sweep_ < kSweepInterval) return false;
   last_sweep_ = now;
-  std::erase_if(connections_, [](const Connection& connection) {
-    struct stat file;
-    return fstat(connection.file, &file) != 0 || file.st_dev != connection.device || file.st_ino != connection.inode;
-  });
+  std::erase_if(connections_, [](const Connection& connection) { return !connection.IsOpen(); });
   return connections_.size() < max_connections_;
+}
+
+bool Listener::Connection::IsOpen() const {
+  struct stat found;
+  return fstat(file, &found) == 0 && found.st_dev == device && found.st_ino == inode;
+}
+
+uint64_t Listener::connections() const {
+  MutexLock lock(connections_mutex_);
+  return static_cast<uint64_t>(std::ranges::count_if(connections_, &Connection::IsOpen));
 }
 
 void Listener::Refuse(int connection) {
   close(connection);
+  ++refused_;
   const auto now = std::chrono::steady_clock::now();
   if (now - last_warning_ < kWarningInterval) return;
   last_warning_ = now;

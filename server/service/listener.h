@@ -15,6 +15,7 @@
 
 #include "absl/status/statusor.h"
 #include "grpcpp/server_builder.h"
+#include "server/build/mutex.h"
 
 namespace deltaray {
 
@@ -22,7 +23,7 @@ namespace deltaray {
 //
 // gRPC 1.51 could listen by itself, but has no limit on connections, and never listens again once the process was out
 // of file descriptors for a moment. This one refuses connections beyond the limit, and goes on after any failure. Its
-// methods are not to be called at the same time.
+// methods are not to be called at the same time, but for those that tell numbers.
 class Listener {
  public:
   // Binds `address`: host:port, all addresses that the host has, or unix:path. At most `max_connections` are let in,
@@ -47,6 +48,9 @@ class Listener {
   int port() const { return port_; }
   // The limit that holds.
   uint32_t max_connections() const { return max_connections_; }
+  // Connections that are open now, and how many were refused so far. Thread-safe.
+  uint64_t connections() const;
+  uint64_t refused() const { return refused_; }
 
  private:
   // A connection that gRPC has, and closes. By its socket's inode it is seen whether the number is still that socket's.
@@ -54,6 +58,8 @@ class Listener {
     int file;
     dev_t device;
     ino_t inode;
+
+    bool IsOpen() const;
   };
 
   explicit Listener(uint32_t max_connections);
@@ -65,7 +71,7 @@ class Listener {
   // Takes all connections that wait at a socket. False: there are no file descriptors for now.
   bool AcceptAll(int socket);
   void TakeOver(int connection);
-  bool HasRoom();
+  bool HasRoom() ABSL_EXCLUSIVE_LOCKS_REQUIRED(connections_mutex_);
   // Closes it, and says so in the log. A client that were told by GOAWAY would not fail, but connect again at once.
   void Refuse(int connection);
   // Whether the file at unix_path_ is still the one that was made for it.
@@ -80,7 +86,9 @@ class Listener {
   int port_ = 0;
   int stop_event_ = -1;
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
-  std::vector<Connection> connections_;
+  mutable Mutex connections_mutex_;
+  std::vector<Connection> connections_ ABSL_GUARDED_BY(connections_mutex_);  // some may have gone
+  std::atomic<uint64_t> refused_{0};
   std::chrono::steady_clock::time_point last_sweep_, last_warning_;
   std::thread thread_;
 };

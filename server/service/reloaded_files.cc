@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -27,6 +28,11 @@ absl::Status ReadWhole(ReloadedFile& file) {
   const int descriptor = open(file.path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return file.Error(strerror(errno));
   const std::unique_ptr<FILE, int (*)(FILE*)> stream(fdopen(descriptor, "rb"), fclose);
+  if (stream == nullptr) {
+    const absl::Status status = file.Error(strerror(errno));
+    close(descriptor);
+    return status;
+  }
   struct stat status;
   if (fstat(descriptor, &status) != 0) return file.Error(strerror(errno));
   if (!S_ISREG(status.st_mode)) return file.Error("is not a regular file");

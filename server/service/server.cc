@@ -117,14 +117,15 @@ class GrpcServer final : public Server {
   }
 
   absl::Status Listen() {
-    if (!options_.metrics_listen.empty()) {
-      auto page = MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get(), &batch_budget_);
-      if (!page.ok()) return page.status();
-      metrics_page_ = *std::move(page);
-    }
     absl::StatusOr<std::unique_ptr<Listener>> listener = Listener::Open(options_.listen, options_.max_connections);
     if (!listener.ok()) return listener.status();
     listener_ = *std::move(listener);
+    if (!options_.metrics_listen.empty()) {
+      auto page =
+          MetricsPage::Serve(options_.metrics_listen, metrics_.get(), store_.get(), &batch_budget_, listener_.get());
+      if (!page.ok()) return page.status();
+      metrics_page_ = *std::move(page);
+    }
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     if (options_.channelz) grpc::channelz::experimental::InitChannelzService();
     grpc::ServerBuilder builder;
@@ -230,13 +231,13 @@ class GrpcServer final : public Server {
   CallLimits call_limits_;
   Calls calls_;
   const std::unique_ptr<MeshStore> store_;
-  std::unique_ptr<MetricsPage> metrics_page_;
   WorkerPool disk_;
   WorkerPool commits_;
   MeshHandlers mesh_handlers_;
   RayHandlers ray_handlers_;
   HealthHandlers health_handlers_;
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<MetricsPage> metrics_page_;
   std::unique_ptr<Listener> listener_;
   std::optional<WakeCall> wake_call_;
   std::optional<Ticker> ticker_;

@@ -164,5 +164,29 @@ TEST(MetricsCostTest, ABatchCostsAFractionOfAMicrosecond) {
   EXPECT_LT(seconds / kBatches, 20e-6);
 }
 
+TEST_F(MetricsTest, TellsOfConnectionsAndOfThoseRefused) {
+  options_.max_connections = 3;
+  // Its look is a connection, too.
+  options_.watchdog_interval = std::chrono::hours(1);
+  StartWhole();
+  const auto list = [](const std::shared_ptr<grpc::Channel>& channel) {
+    grpc::ClientContext context;
+    v1::ListMeshesResponse response;
+    return v1::MeshService::NewStub(channel)->ListMeshes(&context, {}, &response).ok();
+  };
+  std::vector<std::shared_ptr<grpc::Channel>> channels = {channel_, Connect(), Connect()};
+  for (const auto& channel : channels) EXPECT_TRUE(list(channel));
+  std::string page = Page();
+  EXPECT_THAT(page, HasSubstr("\ndeltaray_connections 3\n"));
+  EXPECT_THAT(page, HasSubstr("\ndeltaray_connections_limit 3\n"));
+  EXPECT_THAT(page, HasSubstr("\ndeltaray_connections_refused_total 0\n"));
+  EXPECT_FALSE(list(Connect()));
+  page = Page();
+  EXPECT_THAT(page, HasSubstr("\ndeltaray_connections 3\n"));
+  EXPECT_THAT(page, Not(HasSubstr("\ndeltaray_connections_refused_total 0\n")));
+  channels.resize(2);
+  EXPECT_TRUE(Eventually([&] { return Page().find("\ndeltaray_connections 2\n") != std::string::npos; }));
+}
+
 }  // namespace
 }  // namespace deltaray
