@@ -2,11 +2,15 @@
 
 #include <grpc/support/log.h>
 
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
 #include <ctime>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "google/protobuf/stubs/logging.h"
+#include "server/build/mutex.h"
 #include "server/mesh/utf8.h"
 #include "spdlog/pattern_formatter.h"
 #include "spdlog/spdlog.h"
@@ -66,7 +70,34 @@ class MessageFlag final : public spdlog::custom_flag_formatter {
   const LogFormat format_;
 };
 
+// gRPC calls an error what any client can bring about, as a handshake that fails: whoever sends many shall not fill the
+// log. Of a second, so many lines are logged; the first one of a later second tells how many were not. Other levels are
+// there only where GRPC_VERBOSITY asks for them.
+constexpr uint64_t kGrpcErrorsPerSecond = 10;
+
+// Whether another one may be logged.
+bool MayLogGrpcError() {
+  static Mutex mutex;
+  static int64_t second = 0;
+  static uint64_t count = 0;
+  uint64_t left_out = 0;
+  {
+    MutexLock lock(mutex);
+    const int64_t now =
+        std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    if (now != second) {
+      left_out = count - std::min(count, kGrpcErrorsPerSecond);
+      second = now;
+      count = 0;
+    }
+    if (++count > kGrpcErrorsPerSecond) return false;
+  }
+  if (left_out > 0) spdlog::error("gRPC: {} more errors were left out", left_out);
+  return true;
+}
+
 void LogOfGrpc(gpr_log_func_args* args) {
+  if (args->severity == GPR_LOG_SEVERITY_ERROR && !MayLogGrpcError()) return;
   const auto level = args->severity == GPR_LOG_SEVERITY_ERROR  ? spdlog::level::err
                      : args->severity == GPR_LOG_SEVERITY_INFO ? spdlog::level::info
                                                                : spdlog::level::debug;

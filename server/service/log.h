@@ -23,7 +23,7 @@ enum class LogFormat : uint8_t { kText, kJson };
 // U+FFFD.
 std::unique_ptr<spdlog::formatter> MakeLogFormatter(LogFormat format);
 
-// Has the messages of gRPC and protobuf logged as ours are.
+// Has the messages of gRPC and protobuf logged as ours are; of gRPC's errors, ten a second.
 void TakeLibraryLogs();
 
 using LogValue = std::variant<std::string_view, int64_t, double>;

@@ -1,6 +1,10 @@
 #include "server/service/log.h"
 
+#include <grpc/support/log.h>
+
 #include <algorithm>
+#include <chrono>
+#include <thread>
 
 #include "deltaray/v1/mesh_service.pb.h"
 #include "gmock/gmock.h"
@@ -11,6 +15,7 @@
 namespace deltaray {
 namespace {
 
+using testing::ContainsRegex;
 using testing::EndsWith;
 using testing::HasSubstr;
 using testing::MatchesRegex;
@@ -62,6 +67,26 @@ TEST(LogTest, MalformedMessagesAreForDebugging) {
   EXPECT_FALSE(request.ParseFromString("\x0a\x01\xff"));
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
   EXPECT_THAT(log.text(), HasSubstr("[debug] protobuf: "));
+}
+
+// Each handshake that fails, and each request that is compressed, is an error to gRPC.
+TEST(LogTest, ErrorsOfGrpcAreFewASecond) {
+  TakeLibraryLogs();
+  CapturedLog log(LogFormat::kText);
+  const auto count = [&](const std::string& what) {
+    const std::string text = log.text();
+    size_t found = 0;
+    for (size_t at = 0; (at = text.find(what, at)) != std::string::npos; ++at) ++found;
+    return found;
+  };
+  for (int i = 0; i < 1000; ++i) gpr_log(GPR_ERROR, "refused");
+  // They may fall into several seconds.
+  const size_t seconds = 1 + count("left out");
+  EXPECT_GE(count("gRPC: refused"), 1u);
+  EXPECT_LE(count("gRPC: refused"), 10 * seconds);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));
+  gpr_log(GPR_ERROR, "later");
+  EXPECT_THAT(log.text(), ContainsRegex("gRPC: [0-9]+ more errors were left out\n.*gRPC: later"));
 }
 
 }  // namespace
