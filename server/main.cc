@@ -135,14 +135,15 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->transform(size)
       ->check(CLI::Range(4 << 20, 1 << 30));
   AddFlag(app, "Limits", "network-bytes", server.network_bytes,
-          "Bytes of messages on their way in, over all connections; at least four messages")
+          "Bytes of messages on their way in, over all connections; four messages where that is more")
       ->transform(size)
       ->check(CLI::Range(double{1 << 20}, 1e15));
   AddFlag(app, "Limits", "max-upload-bytes", server.store.max_upload_bytes, "Bytes of one uploaded file")
       ->transform(size)
       ->check(CLI::Range(1.0, 1e15));
   AddFlag(app, "Limits", "batch-bytes", server.batch_bytes,
-          "Bytes of batches being answered and of replies not taken yet, over all clients; at least four messages")
+          "Bytes of batches being answered and of replies not taken yet, over all clients; four messages where that "
+          "is more")
       ->transform(size)
       ->check(CLI::Range(double{1 << 20}, 1e15));
   const CLI::Range count(1, 1 << 20);
@@ -222,18 +223,26 @@ void KeepFreedMessages() {
   mallopt(M_TRIM_THRESHOLD, 64 << 20);
 }
 
-// Tells the version and every flag, given or not. None of them is a secret: those name files.
-void LogConfiguration(const CLI::App& app) {
+// Tells the version and every flag, given or not, as it is in force. None of them is a secret: those name files.
+void LogConfiguration(const CLI::App& app, const ServerOptions& server) {
   std::vector<std::pair<std::string, std::string>> values{{"version", DELTARAY_VERSION}};
   for (const CLI::Option* option : app.get_options()) {
     if (option->get_envname().empty()) continue;  // --help, --version
     const std::string given = absl::StrJoin(option->results(), ",");
     const std::string unset = option->get_items_expected_max() == 0 ? "false" : option->get_default_str();
-    values.emplace_back(option->get_lnames().at(0), option->count() == 0 ? unset : given);
+    const std::string& name = option->get_lnames().at(0);
+    values.emplace_back(name, name == "network-bytes" ? absl::StrCat(server.network_bytes_in_force())
+                              : name == "batch-bytes" ? absl::StrCat(server.batch_bytes_in_force())
+                              : option->count() == 0  ? unset
+                                                      : given);
   }
   LogFields fields;
   for (const auto& [name, value] : values) fields.emplace_back(name, value);
   LogEvent(spdlog::level::info, "deltarayd starts", fields);
+  if (server.network_bytes_in_force() != server.network_bytes || server.batch_bytes_in_force() != server.batch_bytes) {
+    spdlog::warn("--network-bytes and --batch-bytes are four times --max-message-bytes, {}, at least",
+                 4 * server.batch.max_message_bytes);
+  }
 }
 
 // Files opened later must not take the place of a standard stream that the server was started without.
@@ -270,6 +279,7 @@ int Run(const Flags& flags) {
   RaiseFileLimit();
   KeepFreedMessages();
 
+  ExitDeadline deadline(kHung);
   const ServerOptions& options = flags.server;
   absl::StatusOr<std::unique_ptr<Server>> server = Server::Start(options);
   if (!server.ok()) {
@@ -340,7 +350,7 @@ int Main(int argc, char** argv) {
   spdlog::set_formatter(MakeLogFormatter(flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText));
   spdlog::set_level(spdlog::level::from_str(flags.log_level));
   TakeLibraryLogs();
-  LogConfiguration(app);
+  LogConfiguration(app, flags.server);
   return Run(flags);
 }
 

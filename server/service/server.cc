@@ -98,7 +98,7 @@ class GrpcServer final : public Server {
         security_(std::move(security)),
         metrics_(std::move(metrics)),
         tracer_(options.threads),
-        batch_budget_(std::max(options.batch_bytes, 4 * options.batch.max_message_bytes)),
+        batch_budget_(options.batch_bytes_in_force()),
         connection_guard_(options.max_connection_calls),
         call_limits_(options.calls),
         calls_(Watchers(), options.idle_timeout),
@@ -140,9 +140,8 @@ class GrpcServer final : public Server {
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
     // The limit on messages is looked at only once a message is in memory; this one holds before.
-    const uint64_t network_bytes = std::max(options_.network_bytes, 4 * options_.batch.max_message_bytes);
     grpc::ResourceQuota quota("deltarayd");
-    builder.SetResourceQuota(quota.Resize(network_bytes).SetMaxThreads(1 + kMaxGrpcServiceCalls));
+    builder.SetResourceQuota(quota.Resize(options_.network_bytes_in_force()).SetMaxThreads(1 + kMaxGrpcServiceCalls));
     builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, 1);
     builder.SetSyncServerOption(grpc::ServerBuilder::MIN_POLLERS, 1);
     builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 1);
@@ -237,8 +236,8 @@ class GrpcServer final : public Server {
   RayHandlers ray_handlers_;
   HealthHandlers health_handlers_;
   std::unique_ptr<grpc::Server> server_;
-  std::unique_ptr<MetricsPage> metrics_page_;
   std::unique_ptr<Listener> listener_;
+  std::unique_ptr<MetricsPage> metrics_page_;
   std::optional<WakeCall> wake_call_;
   std::optional<Ticker> ticker_;
   std::optional<Watchdog> watchdog_;

@@ -3,6 +3,7 @@
 #ifndef SERVER_SERVICE_SERVER_H_
 #define SERVER_SERVICE_SERVER_H_
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -45,6 +46,10 @@ struct ServerOptions {
   std::chrono::milliseconds watchdog_interval{5000};
   // How long Drain waits for the calls under way.
   std::chrono::milliseconds drain_timeout{10'000};
+
+  // What is used: four messages where that is more.
+  uint64_t network_bytes_in_force() const { return std::max(network_bytes, 4 * batch.max_message_bytes); }
+  uint64_t batch_bytes_in_force() const { return std::max(batch_bytes, 4 * batch.max_message_bytes); }
 };
 
 // A running server. All methods are thread-safe.
