@@ -3,13 +3,13 @@
 #ifndef SERVER_STORE_DISK_BUDGET_H_
 #define SERVER_STORE_DISK_BUDGET_H_
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "server/build/mutex.h"
 
 namespace deltaray {
 
@@ -17,21 +17,30 @@ namespace deltaray {
 // stored, but not what is on its way to them. Thread-safe.
 class DiskBudget {
  public:
-  // Bytes of one upload, until it is destroyed. Not thread-safe.
+  // Bytes of one upload, until they are given back. Not thread-safe.
   class Charge {
    public:
     explicit Charge(DiskBudget* budget) : budget_(budget) {}
     Charge(Charge&& other) noexcept : budget_(other.budget_), bytes_(std::exchange(other.bytes_, 0)) {}
     Charge& operator=(Charge&&) = delete;
-    ~Charge() { budget_->on_their_way_ -= bytes_; }
+    ~Charge() { GiveBack(); }
 
-    // RESOURCE_EXHAUSTED where there is no room for `bytes` more.
+    // RESOURCE_EXHAUSTED, and nothing has changed, where there is no room for `bytes` more.
     absl::Status Add(uint64_t bytes) {
-      const uint64_t on_their_way = budget_->on_their_way_ += bytes;
+      MutexLock lock(budget_->mutex_);
+      if (budget_->on_their_way_ + bytes + budget_->stored_() > budget_->limit_) {
+        return absl::ResourceExhaustedError(absl::StrCat("all meshes together would take more than ", budget_->limit_,
+                                                         " bytes on disk (--max-stored-bytes)"));
+      }
+      budget_->on_their_way_ += bytes;
       bytes_ += bytes;
-      if (on_their_way + budget_->stored_() <= budget_->limit_) return absl::OkStatus();
-      return absl::ResourceExhaustedError(absl::StrCat("all meshes together would take more than ", budget_->limit_,
-                                                       " bytes on disk (--max-stored-bytes)"));
+      return absl::OkStatus();
+    }
+    // Gives the bytes back. `arrive` makes them count as stored, where they do: nobody sees them twice or not at all.
+    void GiveBack(const std::function<void()>& arrive = [] {}) {
+      MutexLock lock(budget_->mutex_);
+      arrive();
+      budget_->on_their_way_ -= std::exchange(bytes_, 0);
     }
 
    private:
@@ -45,7 +54,8 @@ class DiskBudget {
  private:
   const uint64_t limit_;
   const std::function<uint64_t()> stored_;
-  std::atomic<uint64_t> on_their_way_{0};
+  Mutex mutex_;
+  uint64_t on_their_way_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace deltaray

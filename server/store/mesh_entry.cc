@@ -75,16 +75,20 @@ void MeshEntry::Start(LoadedMesh loaded) {
   if (!current_ || !current_->status().ok()) StartRun(config_, std::move(loaded)).IgnoreError();
 }
 
-absl::Status MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
+void MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
   std::shared_ptr<BuildRun> old;
   {
     MutexLock lock(mutex_);
-    old = current_;
     config_ = config;
-    if (absl::Status status = StartRun(config, std::move(loaded)); !status.ok()) return status;
+    old = ReplaceRun(std::move(loaded));
   }
   if (old) old->Cancel();
-  return absl::OkStatus();
+}
+
+std::shared_ptr<BuildRun> MeshEntry::ReplaceRun(LoadedMesh loaded) {
+  std::shared_ptr<BuildRun> old = current_;
+  rebuild_is_due_ = !StartRun(config_, std::move(loaded)).ok();
+  return rebuild_is_due_ ? nullptr : old;
 }
 
 absl::Status MeshEntry::CheckRebuild(const Config& config) const {
@@ -99,17 +103,25 @@ void MeshEntry::SetConfig(const Config& config) {
     MutexLock lock(mutex_);
     if (EncodeConfig(config) == EncodeConfig(config_)) return;
     config_ = config;
-    if (!current_) return;
-    old = current_;
-    if (!StartRun(config).ok()) return;
+    if (current_) old = ReplaceRun();
   }
-  old->Cancel();
+  if (old) old->Cancel();
+}
+
+void MeshEntry::StartDueRebuild() {
+  std::shared_ptr<BuildRun> old;
+  {
+    MutexLock lock(mutex_);
+    if (rebuild_is_due_) old = ReplaceRun();
+  }
+  if (old) old->Cancel();
 }
 
 bool MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback,
                          std::function<bool()> cancelled) {
   absl::StatusOr<MeshStore::Answer> answer;
   Touch();
+  StartDueRebuild();
   {
     MutexLock lock(mutex_);
     const std::shared_ptr<BuildRun>& run = final ? finished_ : answering_;
@@ -160,6 +172,7 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
 }
 
 absl::StatusOr<BuildReport> MeshEntry::Watch(bool start) {
+  if (start) StartDueRebuild();
   MutexLock lock(mutex_);
   if (!current_ && start) {
     if (absl::Status status = StartRun(config_); !status.ok()) return status;
@@ -273,6 +286,7 @@ absl::Status MeshEntry::StartRun(const Config& config, LoadedMesh loaded) {
       run->number(), [self = shared_from_this(), run] { self->DoRun(run); }, current_ ? current_->number() : 0);
   if (!status.ok()) return status;
   current_ = run;
+  rebuild_is_due_ = false;
   if (loaded.mesh) uploaded_ = std::move(loaded);
   return absl::OkStatus();
 }

@@ -57,13 +57,13 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   // Starts a build where there is neither a build nor a tree, or where the last build failed, and the queue has room.
   // `loaded`, the same as in the file, saves reading that; may be empty.
   void Start(LoadedMesh loaded);
-  // Cancels the build under way and starts another one. `loaded` as above. RESOURCE_EXHAUSTED where the queue is full:
-  // the config is for later builds then.
-  absl::Status Rebuild(const Config& config, LoadedMesh loaded);
+  // Cancels the build under way and starts another one. `loaded` as above. Where the queue is full, it is started by
+  // whoever next asks for a tree or watches, once there is room; until then all stays but the config.
+  void Rebuild(const Config& config, LoadedMesh loaded);
   // Whether Rebuild with `config` has room in the queue, and the build in memory.
   absl::Status CheckRebuild(const Config& config) const;
   // Takes over the config that another server gave the mesh: where it differs, a tree or build of the old one is
-  // replaced by a build of the new one.
+  // replaced by a build of the new one, as by Rebuild.
   void SetConfig(const Config& config);
   // MeshStore::WithTree. A failed build is tried again by whoever comes a second later or more. Returns whether the
   // callback waits.
@@ -108,6 +108,11 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   bool MayTryAgain() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Makes a new run the current one. RESOURCE_EXHAUSTED, and nothing has changed, where the queue is full.
   absl::Status StartRun(const Config& config, LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Makes a run with config_ the current one, or leaves that due. Returns what is to be cancelled after the lock; null:
+  // nothing.
+  std::shared_ptr<BuildRun> ReplaceRun(LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Tries to start what Rebuild and SetConfig could not.
+  void StartDueRebuild();
   // On a thread of the queue, from begin to end of a build.
   void DoRun(const std::shared_ptr<BuildRun>& run);
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> LoadMesh(const std::function<bool()>& cancelled);
@@ -126,6 +131,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
 
   mutable Mutex mutex_;
   Config config_ ABSL_GUARDED_BY(mutex_);
+  // Whether current_ is to be replaced by a run with config_, for which the queue had no room.
+  bool rebuild_is_due_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status closed_ ABSL_GUARDED_BY(mutex_);  // not OK once closed
   bool file_is_lost_ ABSL_GUARDED_BY(mutex_) = false;
   // The geometry on its way from an upload to the run that builds it.

@@ -153,7 +153,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     MutexLock disk_lock(directory_.mutex());
     EntryPointer entry = directory_.ReadWhole(id, &dropped);
     if (!entry && !files.mesh) continue;  // deleted since
-    if (entry) files.mesh.reset();        // stored since, or long ago
+    if (entry) files.DropMesh();          // stored since, or long ago
     const bool same_config = entry && (!upload.config || EncodeConfig(*upload.config) == EncodeConfig(entry->config()));
     if (same_config) files.config.reset();
     Upload::Committed committed;
@@ -170,7 +170,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
       const absl::StatusOr<Config> kept = directory_.files().ReadConfig(id);
       info.config = upload.config ? *upload.config : kept.ok() ? *kept : Config();
       entry = MakeEntry(std::move(info));
-      directory_.NotePut(entry);
+      files.charge.GiveBack([&] { directory_.NotePut(entry); });
     }
     if (!upload.name.empty()) directory_.NoteName(upload.name, id);
     spdlog::info("{} mesh {}: {} triangles{}{}", committed.created ? "stored" : "found again", id,
@@ -179,7 +179,7 @@ absl::StatusOr<Upload::Committed> Store::Put(const NewMesh& upload) {
     if (is_new || same_config) {
       entry->Start(upload.loaded);
     } else {
-      entry->Rebuild(*upload.config, upload.loaded).IgnoreError();
+      entry->Rebuild(*upload.config, upload.loaded);
     }
     committed.info = directory_.catalog().Info(*entry);
     committed.info.groups = upload.info.groups;  // are part of what the id stands for
@@ -366,7 +366,7 @@ absl::StatusOr<std::string> Store::ChangeConfig(absl::string_view mesh, const Co
     directory_.ReadMesh((*entry)->id(), &dropped).IgnoreError();
     return status;
   }
-  if (absl::Status status = (*entry)->Rebuild(config, {}); !status.ok()) return status;
+  (*entry)->Rebuild(config, {});
   return (*entry)->id();
 }
 

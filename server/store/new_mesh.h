@@ -48,6 +48,10 @@ struct PreparedFiles {
   // Writes config and name, where the upload has them.
   absl::Status PrepareLabels(const NewMesh& upload, const DataDirectory& directory);
   absl::Status PrepareMesh(const NewMesh& upload, const DataDirectory& directory);
+  void DropMesh() {
+    mesh.reset();
+    charge.GiveBack();
+  }
 };
 
 }  // namespace deltaray

@@ -13,6 +13,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/build/memory_estimate.h"
+#include "tests/eventually.h"
 #include "tests/gate.h"
 #include "tests/unit/store/fixture.h"
 
@@ -263,6 +264,53 @@ TEST_F(TreeBytesTest, ALazyTreeMakesRoomToo) {
   Upload(2);
   EXPECT_EQ(State("lazy"), MeshState::kStored);
   EXPECT_EQ(HitStrip(*AwaitTree(*store_, "lazy"), 1).t, 1);
+}
+
+TEST(BudgetsTest, ANewConfigThatFindsTheQueueFullIsBuiltOnceThereIsRoom) {
+  ScratchDirectory directory;
+  Gate gate;
+  MeshStore::Options options;
+  options.max_queued_builds = 1;
+  options.follow_interval = std::chrono::milliseconds(20);
+  options.on_delta_leaf = [&] { gate.Pass(); };
+  const auto store = OpenStore(directory.path(), options);
+  const auto other = OpenStore(directory.path());
+  const auto with_delta = [](uint32_t delta) {
+    Config config;
+    config.delta = delta;
+    return config;
+  };
+  for (const bool by_upload : {false, true}) {
+    const auto number = [&](int i) { return 10 * by_upload + i; };
+    const std::string id = Put(*store, StripObj(number(1), 64), "", with_delta(5))->info.id;
+    ASSERT_TRUE(AwaitTree(*store, id).ok());
+    gate.Close();
+    const std::string building = Put(*store, StripObj(number(2), 64))->info.id;
+    ASSERT_TRUE(AwaitTree(*store, building, false).ok());
+    const std::string waiting = Put(*store, StripObj(number(3), 64))->info.id;
+
+    ExpectOver(store->Rebuild(id, with_delta(6)).status(), "--max-queued-builds");
+    EXPECT_EQ(store->Get(id)->config.delta, 5u);
+    if (by_upload) {
+      ASSERT_TRUE(Put(*store, StripObj(number(1), 64), "", with_delta(7)).ok());
+    } else {
+      ASSERT_TRUE(other->Rebuild(id, with_delta(7)).ok());
+    }
+    ASSERT_TRUE(Eventually([&] { return store->Get(id)->config.delta == 7; }, std::chrono::seconds(5)));
+    // The old tree goes on to answer.
+    EXPECT_TRUE(AwaitTree(*store, id).ok());
+    EXPECT_EQ(store->Statistics(id)->statistics.config.delta, 5u);
+
+    gate.Open();
+    ASSERT_TRUE(AwaitTree(*store, waiting).ok());
+    if (by_upload) {
+      EXPECT_TRUE(store->Watch(id).ok());
+    } else {
+      EXPECT_TRUE(AwaitTree(*store, id).ok());
+    }
+    EXPECT_TRUE(
+        Eventually([&] { return store->Statistics(id)->statistics.config.delta == 7; }, std::chrono::seconds(5)));
+  }
 }
 
 TEST(BudgetsTest, BuildsThatWaitAreLimited) {

@@ -191,7 +191,25 @@ TEST(DurableFileTest, UploadsTogetherStayWithinTheBytesOnDisk) {
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
     EXPECT_THAT(status.ToString(), HasSubstr("10 bytes on disk (--max-stored-bytes)"));
   }
+  {
+    // What was refused takes no room of others.
+    absl::StatusOr<UploadFile> refused = UploadFile::Create(directory.path(), 100, &budget);
+    EXPECT_FALSE(refused->Append("abcdef").ok());
+    absl::StatusOr<UploadFile> two = UploadFile::Create(directory.path(), 100, &budget);
+    EXPECT_TRUE(two->Append("abc").ok());
+  }
   EXPECT_TRUE(one->Append("def").ok());
+}
+
+TEST(DurableFileTest, WhatHasArrivedCountsOnce) {
+  uint64_t stored = 0;
+  DiskBudget budget(10, [&] { return stored; });
+  DiskBudget::Charge arriving(&budget), other(&budget);
+  ASSERT_TRUE(arriving.Add(6).ok());
+  EXPECT_FALSE(other.Add(5).ok());
+  arriving.GiveBack([&] { stored = 6; });
+  EXPECT_FALSE(other.Add(5).ok());
+  EXPECT_TRUE(other.Add(4).ok());
 }
 
 TEST(DurableFileTest, Sha256IsTheStandards) {
