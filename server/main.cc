@@ -292,7 +292,6 @@ int Run(const Flags& flags) {
       return kFailure;
     }
   }
-  ExitDeadline deadline(kHung);
   LogEvent(spdlog::level::info, "listens",
            {{"address", options.listen},
             {"port", int64_t{(*server)->port()}},

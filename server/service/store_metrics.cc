@@ -20,6 +20,8 @@ std::vector<prometheus::MetricFamily> StoreMetrics::Collect() const {
   }
   return {GaugeFamily("deltaray_meshes", "Meshes by state.", "state", states),
           GaugeFamily("deltaray_disk_bytes", "Bytes of all meshes on disk.", static_cast<double>(usage.disk_bytes)),
+          GaugeFamily("deltaray_data_directory_writable", "Whether the data directory can be written to.",
+                      usage.directory_writable ? 1 : 0),
           GaugeFamily(
               "deltaray_memory_bytes", "Bytes in memory of geometry, and of trees that are built.", "what",
               {{"meshes", static_cast<double>(usage.mesh_bytes)}, {"trees", static_cast<double>(usage.tree_bytes)}}),

@@ -180,6 +180,14 @@ void DataDirectory::RemoveStray(std::chrono::milliseconds lock_timeout, Changes*
   }
 }
 
+absl::Status DataDirectory::CheckWritable() const {
+  absl::Status status;
+  for (const absl::string_view folder : kFolders) {
+    status.Update(deltaray::CheckWritable(absl::StrCat(path_, "/", folder)));
+  }
+  return status;
+}
+
 absl::StatusOr<FileDescriptor> DataDirectory::Lock(std::chrono::milliseconds timeout) const {
   return LockFile(path_ + "/lock", timeout);
 }

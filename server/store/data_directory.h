@@ -55,6 +55,9 @@ class DataDirectory {
   void TellOfMesh(const std::string& id);
   void TellOfName(const std::string& name);
 
+  // Whether all folders are there and may be written to, as CheckWritable tells.
+  absl::Status CheckWritable() const;
+
   // What changes the directory holds this, so that it may look before it acts. UNAVAILABLE where another server has it
   // for longer than `timeout`.
   absl::StatusOr<FileDescriptor> Lock(std::chrono::milliseconds timeout) const;

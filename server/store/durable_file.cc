@@ -182,6 +182,11 @@ absl::Status RemoveFiles(std::span<const std::string> paths) {
   return any ? SyncFolderOf(paths.front()) : absl::OkStatus();
 }
 
+absl::Status CheckWritable(const std::string& path) {
+  if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return absl::OkStatus();
+  return FileError(errno, "write to", path);
+}
+
 absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {
   FileDescriptor file(Retry([&] { return open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode); }));
   if (!file.IsOpen()) return CreationError(errno, "open", path);

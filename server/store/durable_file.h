@@ -65,6 +65,10 @@ absl::Status RemoveFile(const std::string& path);
 // The same for files of one folder, at the cost of one.
 absl::Status RemoveFiles(std::span<const std::string> paths);
 
+// Whether files may be made and removed in the folder, as far as its permissions and its file system tell: a full disk
+// is not noticed. Errors as above. Makes no file and needs no descriptor.
+absl::Status CheckWritable(const std::string& path);
+
 // Takes the lock of a file, which is made where missing and never removed. The lock goes with the descriptor, so with
 // the server too, whatever happens to it. UNAVAILABLE where somebody else has it for longer than `timeout`. Where the
 // file system has no locks, all get it.

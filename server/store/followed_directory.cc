@@ -11,6 +11,8 @@
 namespace deltaray {
 namespace {
 
+// How often it is looked whether the directory can be written to.
+constexpr std::chrono::seconds kWritableInterval{1};
 // How often temporaries of servers that died are looked for.
 constexpr std::chrono::minutes kSweepInterval{1};
 
@@ -31,6 +33,7 @@ FollowedDirectory::FollowedDirectory(DataDirectory directory, DataDirectory::Cha
     MutexLock lock(mutex_);
     Take(std::move(contents), &none);
   }
+  LookWhetherWritable();
   follower_ = std::thread([this] { Follow(); });
 }
 
@@ -141,10 +144,20 @@ EntryPointer FollowedDirectory::FindWhole(const std::string& id) {
   return ReadWhole(id, &dropped);
 }
 
+void FollowedDirectory::LookWhetherWritable() {
+  const absl::Status status = directory_.CheckWritable();
+  if (is_writable_.exchange(status.ok()) == status.ok()) return;
+  if (status.ok()) {
+    spdlog::info("the data directory can be written to again");
+  } else {
+    spdlog::warn("the data directory cannot be written to, uploads and other changes will fail: {}", status.ToString());
+  }
+}
+
 void FollowedDirectory::Follow() {
   using Clock = std::chrono::steady_clock;
   absl::Status last;
-  Clock::time_point swept = Clock::now();
+  Clock::time_point swept = Clock::now(), looked = swept;
   for (;;) {
     const Clock::time_point begin = Clock::now();
     absl::Status status;
@@ -161,6 +174,10 @@ void FollowedDirectory::Follow() {
       }
     }
     last = status;
+    if (begin - looked >= kWritableInterval) {
+      looked = begin;
+      LookWhetherWritable();
+    }
     if (begin - swept >= kSweepInterval) {
       swept = begin;
       RemoveAbandonedFiles(directory_.TemporariesPath());

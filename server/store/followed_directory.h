@@ -3,6 +3,7 @@
 #ifndef SERVER_STORE_FOLLOWED_DIRECTORY_H_
 #define SERVER_STORE_FOLLOWED_DIRECTORY_H_
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <memory>
@@ -49,6 +50,9 @@ class FollowedDirectory {
   // Its Look is not to be called.
   const DataDirectory& files() const { return directory_; }
 
+  // Whether the directory could be written to when that was last looked at, a second ago or so.
+  bool is_writable() const { return is_writable_; }
+
   // The mesh of an id or a name; looked for on disk where it is not known yet.
   absl::StatusOr<EntryPointer> Find(absl::string_view mesh);
   // Whether a mesh is on disk now, whatever was known of it.
@@ -79,11 +83,14 @@ class FollowedDirectory {
   EntryPointer TakeMesh(MeshInfo info) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Notices what other servers change, until the end.
   void Follow();
+  // Looks whether the directory can be written to, and logs where that has changed.
+  void LookWhetherWritable();
 
   const std::chrono::milliseconds interval_;
   const std::function<EntryPointer(MeshInfo)> make_entry_;
   Catalog catalog_;
   Mutex mutex_;
+  std::atomic<bool> is_writable_{true};
   DataDirectory directory_;  // what of it is not thread-safe is guarded by mutex_
 
   Mutex stop_mutex_;

@@ -408,6 +408,7 @@ StoreUsage Store::Usage() const {
   StoreUsage usage;
   for (const EntryPointer& entry : directory_.catalog().List("", SIZE_MAX)) entry->AddUsage(&usage);
   usage.disk_bytes = directory_.catalog().totals().stored_bytes;
+  usage.directory_writable = directory_.is_writable();
   usage.budget_bytes = tree_budget_->used();
   usage.budget_limit = tree_budget_->limit();
   usage.builds_waiting = queue_.waiting();

@@ -110,7 +110,9 @@ TEST_F(CallLimitsTest, CallsThatFollowEachOtherTakeOnePlace) {
   for (int i = 0; i < 200; ++i) {
     ASSERT_TRUE(List().ok()) << i;
     v1::UploadMeshResponse response;
-    if (i % 10 == 0) ASSERT_TRUE(Upload(SquaresObj(1), {}, &response).ok()) << i;
+    if (i % 10 == 0) {
+      ASSERT_TRUE(Upload(SquaresObj(1), {}, &response).ok()) << i;
+    }
     grpc::ClientContext context;
     const auto stream = OpenStream(&context);
     ASSERT_TRUE(stream != nullptr) << i;

@@ -7,6 +7,7 @@
 
 #include "server/build/mutex.h"
 #include "server/store/sha256.h"
+#include "tests/eventually.h"
 #include "tests/hindered.h"
 #include "tests/unit/store/fixture.h"
 
@@ -377,6 +378,14 @@ TEST(MeshStoreTest, AReadOnlyDirectoryCanBeQueried) {
     EXPECT_EQ(store->Rebuild("a", {}).status().code(), absl::StatusCode::kFailedPrecondition);
     EXPECT_EQ(store->Delete("a").status().code(), absl::StatusCode::kFailedPrecondition);
     EXPECT_TRUE(store->Get("a").ok());
+    // It is told from the start on, and what changes later too.
+    EXPECT_FALSE(store->Usage().directory_writable);
+    permit(std::filesystem::perms::owner_all);
+    EXPECT_TRUE(Eventually([&] { return store->Usage().directory_writable; }));
+    std::filesystem::rename(path, path + ".gone");
+    EXPECT_TRUE(Eventually([&] { return !store->Usage().directory_writable; }));
+    std::filesystem::rename(path + ".gone", path);
+    permit(std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
   }
   MeshStore::Options options;
   options.data_directory = path + "/sub";
