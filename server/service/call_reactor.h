@@ -51,14 +51,19 @@ class CallReactor : public Reactor, public Call {
   // Finishes the call; nothing happens where it has finished already.
   void FinishOnce(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (finished_) return;
+    BeginFinish(status);
+    const LogScope scope(record().request_id);
+    this->Finish(ToRpcStatus(status));
+  }
+
+  // Comes once, before whatever finishes the call.
+  void BeginFinish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     finished_ = true;
-    active_at_ = std::chrono::steady_clock::now();
+    NoteActivity();
     status_ = status;
     BeforeFinish();
     if (!status.ok()) cancelled_.store(true, std::memory_order_relaxed);
     calls_->NoteAnswer(this);
-    const LogScope scope(record().request_id);
-    this->Finish(ToRpcStatus(status));
   }
 
   // Ends the call at once, although its client does not take what was sent to it, which Finish would wait for.

@@ -109,8 +109,7 @@ absl::Status WatchCall::Report() {
   reported_ = true;
   outgoing_ = SerializeMessage(response);
   if (over) {
-    finished_ = true;
-    NoteActivity();
+    BeginFinish(absl::OkStatus());
     StartWriteAndFinish(&outgoing_, grpc::WriteOptions(), grpc::Status::OK);
   } else {
     writing_ = true;
