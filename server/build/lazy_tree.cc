@@ -51,7 +51,7 @@ LazyTree::LazyTree(TrianglesView triangles, std::shared_ptr<const Version> first
     : triangles_(triangles), target_(target), context_(std::move(context)), version_(std::move(first)) {}
 
 template <typename Query>
-void LazyTree::Answer(const QueryOptions& options, const Query& query) const {
+void LazyTree::Answer(const Query& query) const {
   const std::shared_ptr<const Version> version = version_.load();
   if (version->tasks == nullptr) return query(version->tree);
   const bool is_behind = context_->delta_leaves_built.load(std::memory_order_relaxed) > version->delta_leaves;
@@ -67,16 +67,15 @@ void LazyTree::Answer(const QueryOptions& options, const Query& query) const {
     const int64_t sum = nanoseconds_traced_.fetch_add(time, std::memory_order_relaxed) + time;
     if (sum >= kTracingPerLayout * version->layout_cost.count()) LayOutAnew(*version);
   }
-  if (!reached.empty()) BuildReached(*version, options, reached);
+  if (!reached.empty()) BuildReached(*version, reached);
 }
 
-void LazyTree::BuildReached(const Version& version, const QueryOptions& options,
-                            std::span<const LeafRecorder::Leaf> reached) const {
+void LazyTree::BuildReached(const Version& version, std::span<const LeafRecorder::Leaf> reached) const {
   const BuildContext::CpuTime time(*context_, BuildPhase::kDeltaLeaves);
   DeltaLeafTasks& tasks = *version.tasks;
   size_t done = 0;
   try {
-    for (; done < reached.size() && !(options.stopped != nullptr && (*options.stopped)()); ++done) {
+    for (; done < reached.size(); ++done) {
       // A leaf of the tree may hold several small ones, which follow each other.
       uint32_t delta_leaf = reached[done].label;
       size_t references = 0;
@@ -86,11 +85,10 @@ void LazyTree::BuildReached(const Version& version, const QueryOptions& options,
       } while (delta_leaf < tasks.count() && references + tasks.references(delta_leaf).size() <= kMaxLeafTriangles);
     }
   } catch (const std::exception&) {
-    // Without memory for more.
-  }
-  // The rest stay groups, which answer as well, until the next rays that come to them.
-  for (; done < reached.size(); ++done) {
-    version.labels[reached[done].unit].store(reached[done].label, std::memory_order_relaxed);
+    // The rest stay groups, which answer as well, until the next rays that come to them.
+    for (; done < reached.size(); ++done) {
+      version.labels[reached[done].unit].store(reached[done].label, std::memory_order_relaxed);
+    }
   }
 }
 
@@ -116,20 +114,20 @@ std::shared_ptr<const LazyTree::Version> LazyTree::Replace(std::shared_ptr<const
 }
 
 void LazyTree::ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const {
-  Answer(options, [&](const WideTree& tree) { tree.ClosestHits(rays, options, hits); });
+  Answer([&](const WideTree& tree) { tree.ClosestHits(rays, options, hits); });
 }
 
 void LazyTree::AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const {
-  Answer(options, [&](const WideTree& tree) { tree.AnyHits(rays, options, any); });
+  Answer([&](const WideTree& tree) { tree.AnyHits(rays, options, any); });
 }
 
 void LazyTree::AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
                        std::span<uint32_t> counts) const {
-  Answer(options, [&](const WideTree& tree) { tree.AllHits(rays, options, hits, counts); });
+  Answer([&](const WideTree& tree) { tree.AllHits(rays, options, hits, counts); });
 }
 
 void LazyTree::CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const {
-  Answer(options, [&](const WideTree& tree) { tree.CountHits(rays, options, counts); });
+  Answer([&](const WideTree& tree) { tree.CountHits(rays, options, counts); });
 }
 
 TreeShape LazyTree::Shape() const { return version_.load()->tree.Shape(); }

@@ -63,10 +63,8 @@ class LazyTree final : public Tree {
   static constexpr int kTracingPerLayout = 10;
 
   template <typename Query>
-  void Answer(const QueryOptions& options, const Query& query) const;
-  // Or, where the query is to end, as many as until then.
-  void BuildReached(const Version& version, const QueryOptions& options,
-                    std::span<const LeafRecorder::Leaf> reached) const;
+  void Answer(const Query& query) const;
+  void BuildReached(const Version& version, std::span<const LeafRecorder::Leaf> reached) const;
   void LayOutAnew(const Version& version) const;
   // Returns the version that stood. Not inlined, so that tests/sanitizers/tsan.supp can name it.
   [[gnu::noinline]] std::shared_ptr<const Version> Replace(std::shared_ptr<const Version> version) const;

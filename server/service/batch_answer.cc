@@ -153,8 +153,11 @@ class Answering {
   }
 
  private:
-  // Rays of which all hits are found are traced one by one, and each may take long.
-  size_t FirstSlice() const { return HasAllHits(query_) ? kFirstSlice : RayBatchView::kMaxPieceRays; }
+  // Rays of which all hits are found are traced one by one, and each may take long; as may those that more of the tree
+  // is built for.
+  size_t FirstSlice() const {
+    return HasAllHits(query_) || tree_.is_growing() ? kFirstSlice : RayBatchView::kMaxPieceRays;
+  }
 
   QueryOptions OptionsFor(const SliceEnd& end) const {
     QueryOptions options = query_.options;

@@ -13,49 +13,44 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// What the size of a batch promises of its time. Each keeps others waiting for as long as that only, however slow its
-// rays are.
-enum class Expected : uint8_t {
-  kSmall,  // at most 10 ms, on a thread of gRPC
-  kShort,  // at most 100 ms, before batches that take long
-  kLong,
-};
-
-Expected ExpectedOf(const BatchJob& job, const Tree& tree) {
-  if (tree.is_growing()) return Expected::kLong;
-  const size_t bytes = job.rays.rays.size;
-  return IsSmall(job.query, bytes) ? Expected::kSmall : IsShort(job.query, bytes) ? Expected::kShort : Expected::kLong;
-}
-
-Clock::time_point EndOf(Expected expected) {
+// After it, a batch keeps others waiting.
+Clock::duration PatienceWith(Expected expected) {
   switch (expected) {
     case Expected::kSmall:
-      return Clock::now() + std::chrono::milliseconds(10);
+      return std::chrono::milliseconds(5);
     case Expected::kShort:
-      return Clock::now() + std::chrono::milliseconds(100);
+      return std::chrono::milliseconds(100);
     case Expected::kLong:
       break;
   }
-  return Clock::time_point::max();
+  return Clock::duration::max();
 }
 
-// One that takes longer than expected begins anew as a long one, on the tracer.
+// One that takes longer than expected begins anew on the tracer, as one that takes longer.
 void Trace(const RayBackend& backend, const std::shared_ptr<BatchJob>& job, const MeshStore::Answer& tree,
            Expected expected) {
   std::optional<BatchJob::Answer> answer;
-  const Clock::time_point end = EndOf(expected);
-  const auto is_late = [end] { return end != Clock::time_point::max() && Clock::now() > end; };
+  const Clock::time_point begin = Clock::now();
+  const Clock::duration patience = PatienceWith(expected);
+  std::atomic<Clock::rep> others{0};  // time that others had
+  const auto is_late = [&] {
+    return expected != Expected::kLong && Clock::now() - begin - Clock::duration(others.load()) > patience;
+  };
   // Between two slices, batches that take less long get their turn; not on threads of gRPC, where small ones are
   // traced.
-  const BatchControl control{[&] { return job->cancelled() || is_late(); },
-                             [&] {
-                               if (expected != Expected::kSmall) backend.tracer->RunShort();
-                             }};
+  const auto pause = [&] {
+    if (expected == Expected::kSmall) return;
+    const Clock::time_point pause_begin = Clock::now();
+    backend.tracer->RunShort();
+    others += (Clock::now() - pause_begin).count();
+  };
+  const BatchControl control{[&] { return job->cancelled() || is_late(); }, pause};
   const absl::Status status = CatchExceptions([&] {
     job->meter->BeginTracing();
     absl::StatusOr<BatchAnswer> traced = AnswerBatch(*tree.snapshot, job->query, job->rays, backend.limits, control);
     if (absl::IsCancelled(traced.status()) && !job->cancelled()) {
-      backend.tracer->Enqueue([backend, job, tree] { Trace(backend, job, tree, Expected::kLong); });
+      const Expected next = expected == Expected::kSmall ? Expected::kShort : Expected::kLong;
+      RunWhereExpected(*backend.tracer, next, [backend, job, tree, next] { Trace(backend, job, tree, next); });
       return absl::OkStatus();
     }
     if (!traced.ok()) return traced.status();
@@ -101,6 +96,21 @@ void UseTreeOfKnown(const RayBackend& backend, const std::string& mesh, bool wai
 
 }  // namespace
 
+Expected ExpectedOf(const BatchQuery& query, size_t bytes) {
+  return IsSmall(query, bytes) ? Expected::kSmall : IsShort(query, bytes) ? Expected::kShort : Expected::kLong;
+}
+
+void RunWhereExpected(Tracer& tracer, Expected expected, std::function<void()> answer) {
+  switch (expected) {
+    case Expected::kSmall:
+      return answer();
+    case Expected::kShort:
+      return tracer.EnqueueShort(std::move(answer));
+    case Expected::kLong:
+      return tracer.Enqueue(std::move(answer));
+  }
+}
+
 void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
              std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
   if (backend.store->IsKnown(mesh)) {
@@ -125,13 +135,12 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
 
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   const auto cancelled = [job] { return job->cancelled(); };
-  UseTree(backend, job->mesh, job->query.wait_final, cancelled, [backend, job](absl::StatusOr<MeshStore::Answer> tree) {
-    if (tree.ok()) {
-      Trace(backend, job, *tree, ExpectedOf(*job, *tree->snapshot->tree));
-    } else {
-      job->done(tree.status());
-    }
-  });
+  const auto trace = [backend, job, caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
+    if (!tree.ok()) return job->done(tree.status());
+    // One that waited for its tree was brought to the tracer, as those are that take long.
+    Trace(backend, job, *tree, std::this_thread::get_id() == caller ? job->expected : Expected::kLong);
+  };
+  UseTree(backend, job->mesh, job->query.wait_final, cancelled, trace);
 }
 
 }  // namespace deltaray

@@ -3,6 +3,7 @@
 #ifndef SERVER_SERVICE_BATCH_JOB_H_
 #define SERVER_SERVICE_BATCH_JOB_H_
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -39,6 +40,20 @@ struct RayBackend {
 void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
              std::function<void(absl::StatusOr<MeshStore::Answer>)> use);
 
+// What the size of a batch promises of its time. It keeps others waiting for as long as that only, however slow its
+// rays are.
+enum class Expected : uint8_t {
+  kSmall,  // 5 ms, on a thread of gRPC
+  kShort,  // 100 ms, before batches that take long
+  kLong,
+};
+
+// Of a batch in a message of `bytes`.
+Expected ExpectedOf(const BatchQuery& query, size_t bytes);
+
+// Runs `answer`, which answers such a batch, where that belongs: here, or soon on a thread of the tracer.
+void RunWhereExpected(Tracer& tracer, Expected expected, std::function<void()> answer);
+
 struct BatchJob {
   struct Answer {
     std::string mesh_id;
@@ -48,6 +63,7 @@ struct BatchJob {
   std::string mesh;  // id or name
   BatchQuery query;
   RayBatchBytes rays;
+  Expected expected = Expected::kLong;  // by which it was brought where it runs
   std::shared_ptr<BatchMeter> meter;
   // Whether the answer is not wanted any more. Asked from any thread.
   std::function<bool()> cancelled;
@@ -58,9 +74,9 @@ struct BatchJob {
 
 // Answers the batch from the best tree that there is, or as soon as there is one.
 //
-// Where a tree is there already, traces on the calling thread: that must be a thread of the tracer, unless
-// IsSmall. What takes longer than such a batch should goes on as a task of the tracer. Must not be called with a lock
-// held that job->done takes.
+// Where a tree is there already, traces on the calling thread: that must be a thread of the tracer, unless kSmall is
+// expected. What takes longer than expected is begun anew as a task of the tracer. Must not be called with a lock held
+// that job->done takes.
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job);
 
 }  // namespace deltaray

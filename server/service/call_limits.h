@@ -4,15 +4,17 @@
 #define SERVER_SERVICE_CALL_LIMITS_H_
 
 #include <cstdint>
-#include <unordered_set>
+#include <string_view>
+#include <unordered_map>
 
+#include "absl/container/inlined_vector.h"
 #include "server/build/mutex.h"
 #include "server/service/call_watcher.h"
 
 namespace deltaray {
 
 // Refuses calls over a limit with RESOURCE_EXHAUSTED. A call counts until it is answered, so that a client that makes
-// one after the other takes one place; there are as many more places, and some, for answers that are on their way.
+// one after the other takes one place; answers that their clients have yet to take have as many places again, and some.
 // Reflection, and the health of the server and its services, are not counted: they are answered however many calls
 // there are. Thread-safe.
 class CallLimits final : public CallWatcher {
@@ -24,22 +26,31 @@ class CallLimits final : public CallWatcher {
     uint32_t uploads = 16;
   };
 
-  explicit CallLimits(const Options& options) : options_(options) {}
+  explicit CallLimits(const Options& options);
 
   absl::Status OnBegin(RpcInfo& rpc) override;
   void OnAnswer(const RpcInfo& rpc) override;
   void OnEnd(const RpcInfo& rpc, const absl::Status& status) override;
 
  private:
-  const Options options_;
+  // Calls of a kind.
+  struct Places {
+    const uint32_t limit;
+    const char* what;
+    const char* flag;
+    uint32_t asking = 0;    // not answered yet
+    uint32_t answered = 0;  // but not ended
+
+    absl::Status HasRoom() const;
+  };
+  // What a call of this method takes a place of.
+  absl::InlinedVector<Places*, 2> PlacesOf(std::string_view method) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
   Mutex mutex_;
-  uint32_t calls_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint32_t answered_ ABSL_GUARDED_BY(mutex_) = 0;  // no longer in the other counts, but not ended
-  uint32_t streams_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint32_t uploads_ ABSL_GUARDED_BY(mutex_) = 0;
-  // Calls that were refused here and have not ended: they are not in the counts, or a client that asks again and again
-  // would keep its own place taken.
-  std::unordered_set<const grpc::CallbackServerContext*> refused_ ABSL_GUARDED_BY(mutex_);
+  Places calls_ ABSL_GUARDED_BY(mutex_), streams_ ABSL_GUARDED_BY(mutex_), uploads_ ABSL_GUARDED_BY(mutex_);
+  // Whether a call was answered, of those that have a place. Calls that were refused here have none, or a client that
+  // asks again and again would keep its own place taken.
+  std::unordered_map<const grpc::CallbackServerContext*, bool> answered_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace deltaray

@@ -63,18 +63,9 @@ absl::Status AnswerRequest(const RayBackend& backend, const std::shared_ptr<Unar
       MayBegin(*call, message_bytes, message_bytes + MaxAnswerBytes(*query, job->rays.rays.size, backend.limits),
                backend.tracer, [backend, job] { RunBatch(backend, job); });
   if (!now.ok() || !*now) return now.status();
-  const size_t rays_bytes = job->rays.rays.size;
-  if (IsSmall(*query, rays_bytes)) {
-    RunBatch(backend, std::move(job));
-    return absl::OkStatus();
-  }
   // A task of its own, also on the tracer: how long it takes is known only now.
-  const auto run = [backend, job = std::move(job)] { RunBatch(backend, job); };
-  if (IsShort(*query, rays_bytes)) {
-    backend.tracer->EnqueueShort(run);
-  } else {
-    backend.tracer->Enqueue(run);
-  }
+  job->expected = ExpectedOf(*query, job->rays.rays.size);
+  RunWhereExpected(*backend.tracer, job->expected, [backend, job] { RunBatch(backend, job); });
   return absl::OkStatus();
 }
 

@@ -239,22 +239,15 @@ void StreamCall::Work(const std::vector<BatchPointer>& batches) {
         MutexLock lock(mutex_);
         target = target_;
       }
-      const size_t bytes = batch->request.Length();
-      const auto answer = [self, batch] { self->Answer(batch); };
-      if (IsSmall(target->query, bytes)) {
-        answer();
-      } else if (IsShort(target->query, bytes)) {
-        backend_.tracer->EnqueueShort(answer);
-      } else {
-        backend_.tracer->Enqueue(answer);
-      }
+      const Expected expected = ExpectedOf(target->query, batch->request.Length());
+      RunWhereExpected(*backend_.tracer, expected, [self, batch, expected] { self->Answer(batch, expected); });
       return absl::OkStatus();
     });
     if (!status.ok()) Complete(batch, status, {});
   }
 }
 
-void StreamCall::Answer(const BatchPointer& batch) {
+void StreamCall::Answer(const BatchPointer& batch, Expected expected) {
   const std::string where = absl::StrCat("batch ", batch->number, ": ");
   const absl::Status status = CatchExceptions([&]() -> absl::Status {
     v1::StreamRaysRequest request;
@@ -270,6 +263,7 @@ void StreamCall::Answer(const BatchPointer& batch) {
       job->query = target_->query;
     }
     const auto self = weak_self_.lock();
+    job->expected = expected;
     job->meter = std::move(batch->meter);
     job->cancelled = [self] { return self->cancelled(); };
     job->done = [self, batch, where](absl::StatusOr<BatchJob::Answer> answer) {

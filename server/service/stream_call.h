@@ -83,7 +83,7 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   std::vector<BatchPointer> Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Work(const std::vector<BatchPointer>& batches) ABSL_LOCKS_EXCLUDED(mutex_);
   // Parses, traces and writes the reply of one batch. May end later, on another thread.
-  void Answer(const BatchPointer& batch) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Answer(const BatchPointer& batch, Expected expected) ABSL_LOCKS_EXCLUDED(mutex_);
   void Complete(const BatchPointer& batch, const absl::Status& status, grpc::ByteBuffer reply)
       ABSL_LOCKS_EXCLUDED(mutex_);
 

@@ -97,7 +97,8 @@ void Tracer::RunShort() {
     --short_task_count_;
   }
   running = true;
-  task();
+  // While it waits for its own pieces, this thread takes up none of another batch, which may take long.
+  tbb::this_task_arena::isolate(task);
   running = false;
   task = nullptr;
   NoteEnd();

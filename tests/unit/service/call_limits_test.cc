@@ -118,7 +118,36 @@ TEST_F(CallLimitsTest, CallsThatFollowEachOtherTakeOnePlace) {
     ASSERT_TRUE(stream != nullptr) << i;
     stream->WritesDone();
     ASSERT_TRUE(stream->Finish().ok()) << i;
+    grpc::ClientContext watch_context;
+    v1::WatchBuildRequest watch;
+    watch.set_mesh("squares");
+    const auto progress = meshes_->WatchBuild(&watch_context, watch);
+    v1::WatchBuildResponse step;
+    while (progress->Read(&step)) {
+    }
+    ASSERT_TRUE(progress->Finish().ok()) << i;
   }
+}
+
+TEST(CallLimitsPlacesTest, AnswersThatAreNotTakenHavePlacesToo) {
+  CallLimits limits({.calls = 100, .streams = 100, .uploads = 2});
+  grpc::CallbackServerContext contexts[19];
+  const auto rpc = [&](int i) { return RpcInfo{"MeshService/UploadMesh", &contexts[i]}; };
+  for (int i = 0; i < 18; ++i) {
+    RpcInfo upload = rpc(i);
+    ASSERT_TRUE(limits.OnBegin(upload).ok()) << i;
+    limits.OnAnswer(upload);
+  }
+  RpcInfo upload = rpc(18);
+  const absl::Status refused = limits.OnBegin(upload);
+  EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("the answers of 18 uploads were not taken yet"));
+  limits.OnAnswer(upload);
+  limits.OnEnd(upload, refused);
+  limits.OnEnd(rpc(0), absl::OkStatus());
+  EXPECT_TRUE(limits.OnBegin(upload).ok());
+  limits.OnEnd(upload, absl::OkStatus());
+  EXPECT_TRUE(limits.OnBegin(upload).ok());
 }
 
 // Two more than a connection may have: gRPC's clients wait until there is room.

@@ -145,7 +145,7 @@ class SlowMeshTest : public CancellationTest {
     Start(std::move(hooks));
     UploadSquares(1, 0, "squares");
     std::string obj;
-    for (int i = 1; i <= 5000; ++i) {
+    for (int i = 1; i <= 20'000; ++i) {
       absl::StrAppend(&obj, "v -1 -1 0\nv ", 4 + i * 0x1p-13, " -1 0\nv -1 ", 4 + i * 0x1p-14, " 0\nf -3 -2 -1\n");
     }
     v1::UploadHeader header;
