@@ -28,12 +28,6 @@ bool MayPass(const absl::Status& status) {
   return !status.ok() && !absl::IsNotFound(status) && !absl::IsDataLoss(status) && !absl::IsFailedPrecondition(status);
 }
 
-// The error of reading a file: one that its folder lacks is NOT_FOUND, but none is where the folder itself is gone.
-absl::Status ReadError(const absl::Status& status, const std::string& folder) {
-  if (!absl::IsNotFound(status) || Exists(folder)) return status;
-  return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", folder));
-}
-
 void Drop(const std::string& path, std::string_view why) {
   if (absl::Status status = RemoveFile(path); status.ok()) {
     spdlog::info("removed {}: {}", path, why);
@@ -194,7 +188,7 @@ absl::StatusOr<FileDescriptor> DataDirectory::Lock(std::chrono::milliseconds tim
 
 absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
   absl::StatusOr<MeshInfo> info = ReadMeshFileInfo(MeshPath(id));
-  if (!info.ok()) return ReadError(info.status(), path_ + "/meshes");
+  if (!info.ok()) return info.status();
   if (info->id != id)
     return absl::DataLossError(absl::StrCat("mesh file ", MeshPath(id), " holds a mesh of another id"));
   const absl::StatusOr<Config> config = ReadConfig(id);
@@ -204,16 +198,14 @@ absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
 }
 
 absl::StatusOr<std::vector<std::string>> DataDirectory::ReadGroups(const std::string& id) const {
-  absl::StatusOr<std::vector<std::string>> groups = ReadMeshFileGroups(MeshPath(id), id);
-  if (!groups.ok()) return ReadError(groups.status(), path_ + "/meshes");
-  return groups;
+  return ReadMeshFileGroups(MeshPath(id), id);
 }
 
 bool DataDirectory::HasMesh(absl::string_view id) const { return Exists(MeshPath(id)); }
 
 absl::StatusOr<std::string> DataDirectory::ReadName(absl::string_view name) const {
   absl::StatusOr<NameRecord> record = ReadNameFile(Sha256::Hex(name));
-  if (!record.ok()) return ReadError(record.status(), path_ + "/names");
+  if (!record.ok()) return record.status();
   return std::move(record->id);
 }
 

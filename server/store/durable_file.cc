@@ -49,11 +49,13 @@ std::string FolderOf(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
-// Of a file that was to be made: where its folder is gone, so is the data directory.
+absl::Status IsGone(const std::string& folder) {
+  return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", folder));
+}
+
+// Of a file that was to be made, so that it is its folder that is not there.
 absl::Status CreationError(int error, absl::string_view action, const std::string& path) {
-  if (error == ENOENT)
-    return absl::FailedPreconditionError(absl::StrCat("data directory is gone: no ", FolderOf(path)));
-  return FileError(error, action, path);
+  return error == ENOENT ? IsGone(FolderOf(path)) : FileError(error, action, path);
 }
 
 // Whether the writer of an open temporary is gone, as far as can be told.
@@ -92,11 +94,18 @@ absl::Status FileError(int error, absl::string_view action, absl::string_view pa
     case EACCES:
     case EPERM:
       return absl::FailedPreconditionError(absl::StrCat("data directory is not writable or readable: ", text));
-    case ENOENT:
-      return absl::NotFoundError(text);
+    case ENOENT: {
+      const std::string folder = FolderOf(std::string(path));
+      std::error_code none;
+      return std::filesystem::exists(folder, none) || none ? absl::NotFoundError(text) : IsGone(folder);
+    }
     default:
       return absl::InternalError(text);
   }
+}
+
+absl::Status FolderError(int error, absl::string_view action, const std::string& path) {
+  return error == ENOENT ? IsGone(path) : FileError(error, action, path);
 }
 
 absl::StatusOr<FileDescriptor> OpenToRead(const std::string& path) {
@@ -160,7 +169,7 @@ absl::Status MakeFolder(const std::string& path) {
 
 absl::Status SyncFolder(const std::string& path) {
   const FileDescriptor folder(Retry([&] { return open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); }));
-  if (!folder.IsOpen()) return FileError(errno, "open", path);
+  if (!folder.IsOpen()) return FolderError(errno, "open", path);
   // Some network file systems cannot sync a folder, and keep its entries safe without.
   if (Retry([&] { return fsync(folder.get()); }) != 0 && errno != EINVAL) return FileError(errno, "sync", path);
   return absl::OkStatus();

@@ -42,8 +42,13 @@ class FileDescriptor {
   int fd_;
 };
 
-// The error `error` (an errno) of doing `action`, such as "write", to `path`.
+// The error `error` (an errno) of doing `action`, such as "write", to `path`. A file that its folder lacks is
+// NOT_FOUND; where the folder itself is gone, as the volume that it lies in may be, it is not known what there is:
+// FAILED_PRECONDITION.
 absl::Status FileError(int error, absl::string_view action, absl::string_view path);
+
+// The same of a folder that should be there.
+absl::Status FolderError(int error, absl::string_view action, const std::string& path);
 
 absl::StatusOr<FileDescriptor> OpenToRead(const std::string& path);
 absl::StatusOr<uint64_t> FileSize(const FileDescriptor& file, const std::string& path);

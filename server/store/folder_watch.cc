@@ -29,7 +29,7 @@ FolderWatch::Stamp FolderWatch::StampOf(const struct stat& status) {
 absl::StatusOr<FolderWatch::Changes> FolderWatch::Look(Clock::time_point now) {
   // The time of change is read before the list, so that what comes after is noticed at the next look.
   struct stat status;
-  if (stat(path_.c_str(), &status) != 0) return FileError(errno, "examine", path_);
+  if (stat(path_.c_str(), &status) != 0) return FolderError(errno, "examine", path_);
   if (const Stamp stamp = StampOf(status); stamp != folder_ || listings_ == 0) {
     folder_ = stamp;
     folder_since_ = now;
@@ -39,7 +39,7 @@ absl::StatusOr<FolderWatch::Changes> FolderWatch::Look(Clock::time_point now) {
   if (settled_) return changes;
 
   const std::unique_ptr<DIR, int (*)(DIR*)> folder(opendir(path_.c_str()), closedir);
-  if (!folder) return FileError(errno, "list", path_);
+  if (!folder) return FolderError(errno, "list", path_);
   ++listings_;
   for (;;) {
     errno = 0;

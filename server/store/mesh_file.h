@@ -32,7 +32,8 @@ absl::Status WriteMeshFile(const TriangleMesh& mesh, const MeshDigest& digest, c
 
 // Reads and checks what stands before the geometry, so that a folder of thousands of meshes is quick to open. Fills
 // `stored_bytes`, but not names, state, config and groups, which may be large. DATA_LOSS, naming the file, where it is
-// malformed, truncated or has trailing bytes; FAILED_PRECONDITION where a newer deltaray wrote it.
+// malformed, truncated or has trailing bytes; FAILED_PRECONDITION where a newer deltaray wrote it; else as
+// FileError.
 absl::StatusOr<MeshInfo> ReadMeshFileInfo(const std::string& path);
 // The groups of the mesh of this id. Errors as above.
 absl::StatusOr<std::vector<std::string>> ReadMeshFileGroups(const std::string& path, const std::string& id);

@@ -149,6 +149,11 @@ TEST_F(DataDirectoryTest, ADirectoryThatIsGoneIsNoMissingMesh) {
   expect_gone(Put(*store, StripObj(1)).status());
   expect_gone(store->Get("good").status());
   expect_gone(store->Get("unknown").status());
+  // It has no tree yet, and was not deleted; nor is its file lost.
+  const absl::Status unbuilt = AwaitTree(*store, "bad").status();
+  EXPECT_EQ(unbuilt.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(unbuilt.message()), HasSubstr("data directory is gone: no " + path_ + "/meshes"));
+  EXPECT_EQ(store->Watch("bad", /*start=*/false)->build_number, 2u) << "was tried again";
   EXPECT_TRUE(AwaitTree(*store, "good").ok());
   std::filesystem::rename(path_ + ".gone", path_);
   EXPECT_EQ(store->Get("good")->state, MeshState::kReady);

@@ -124,6 +124,7 @@ TEST(DurableFileTest, ErrorsOfTheSystemKeepTheirMeaning) {
   EXPECT_EQ(FileError(EROFS, "create", "x").code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(FileError(EACCES, "create", "x").code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(FileError(ENOENT, "open", "x").code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(FileError(ENOENT, "open", "no_such_folder/x").code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(FileError(EIO, "read", "x").code(), absl::StatusCode::kInternal);
 }
 

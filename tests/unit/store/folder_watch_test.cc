@@ -70,7 +70,7 @@ TEST_F(FolderWatchTest, AnErrorHidesNothing) {
   WriteFile(Path('a'), "1");
   const std::string away = directory_.path() + "_away";
   std::filesystem::rename(directory_.path(), away);
-  EXPECT_EQ(watch_.Look(now_).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(watch_.Look(now_).status().code(), absl::StatusCode::kFailedPrecondition);
   std::filesystem::rename(away, directory_.path());
   EXPECT_THAT(Look().present, ElementsAre(a_));
   std::filesystem::rename(directory_.path(), away);
