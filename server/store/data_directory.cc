@@ -250,6 +250,13 @@ std::string DataDirectory::NamePathOfDigest(absl::string_view digest) const {
   return absl::StrCat(path_, "/names/", digest, ".name");
 }
 
+absl::Status DataDirectory::Sync() const {
+  for (const absl::string_view folder : kFolders) {
+    if (absl::Status status = SyncFolder(absl::StrCat(path_, "/", folder)); !status.ok()) return status;
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<TemporaryFile> DataDirectory::Prepare(absl::string_view content) const {
   absl::StatusOr<TemporaryFile> file = TemporaryFile::Create(TemporariesPath());
   if (!file.ok()) return file.status();

@@ -78,7 +78,11 @@ class DataDirectory {
   std::string MeshPath(absl::string_view id) const;
   std::string ConfigPath(absl::string_view id) const;
   std::string NamePath(absl::string_view name) const;
+  std::string NamesPath() const { return path_ + "/names"; }
   std::string TemporariesPath() const { return path_ + "/tmp"; }
+
+  // Makes durable what was moved into the folders of meshes, configs and names, and removed from there.
+  absl::Status Sync() const;
 
   // A temporary with this content, synced, ready to be moved to its place.
   absl::StatusOr<TemporaryFile> Prepare(absl::string_view content) const;

@@ -177,18 +177,13 @@ absl::Status SyncFolder(const std::string& path) {
 
 absl::Status SyncFolderOf(const std::string& path) { return SyncFolder(FolderOf(path)); }
 
-absl::Status RemoveFile(const std::string& path) { return RemoveFiles({&path, 1}); }
+absl::Status RemoveFile(const std::string& path) { return RemoveFiles(FolderOf(path), {&path, 1}); }
 
-absl::Status RemoveFiles(std::span<const std::string> paths) {
-  bool any = false;
+absl::Status RemoveFiles(const std::string& folder, std::span<const std::string> paths) {
   for (const std::string& path : paths) {
-    if (unlink(path.c_str()) == 0) {
-      any = true;
-    } else if (errno != ENOENT) {
-      return FileError(errno, "remove", path);
-    }
+    if (unlink(path.c_str()) != 0 && errno != ENOENT) return FileError(errno, "remove", path);
   }
-  return any ? SyncFolderOf(paths.front()) : absl::OkStatus();
+  return SyncFolder(folder);
 }
 
 absl::Status CheckWritable(const std::string& path) {

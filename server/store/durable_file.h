@@ -65,10 +65,11 @@ absl::Status MakeFolder(const std::string& path);
 absl::Status SyncFolder(const std::string& path);
 // The same for the folder that the file lies in.
 absl::Status SyncFolderOf(const std::string& path);
-// Removes a file and makes that durable. OK where there is none.
+// Removes a file and makes that durable. OK where there is none: that is made durable too, since whoever removed it may
+// have failed to.
 absl::Status RemoveFile(const std::string& path);
-// The same for files of one folder, at the cost of one.
-absl::Status RemoveFiles(std::span<const std::string> paths);
+// The same for files of `folder`, at the cost of one.
+absl::Status RemoveFiles(const std::string& folder, std::span<const std::string> paths);
 
 // Whether files may be made and removed in the folder, as far as its permissions and its file system tell: a full disk
 // is not noticed. Errors as above. Makes no file and needs no descriptor.

@@ -61,6 +61,8 @@ class Store final : public MeshStore {
   absl::Status MoveFiles(const NewMesh& upload, PreparedFiles& files, DroppedEntries* dropped)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
   absl::Status RemoveMeshFiles(const std::string& id) ABSL_EXCLUSIVE_LOCKS_REQUIRED(directory_.mutex());
+  // Tells, by `not_found`, that there is nothing to remove: durably, since the removal before may have failed midway.
+  absl::Status NothingToRemove(const absl::Status& not_found) const;
 
   void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
                 std::function<bool()> cancelled);
@@ -285,7 +287,9 @@ absl::StatusOr<std::string> Store::Name(absl::string_view name, absl::string_vie
   std::string id;
   absl::Status changed;
   if (mesh.empty()) {
-    if (absl::IsNotFound(pointed.status())) return absl::NotFoundError(absl::StrCat("no mesh is named ", name));
+    if (absl::IsNotFound(pointed.status())) {
+      return NothingToRemove(absl::NotFoundError(absl::StrCat("no mesh is named ", name)));
+    }
     changed = RemoveFile(path);
   } else {
     const absl::StatusOr<EntryPointer> target = directory_.ReadTarget(mesh, &dropped);
@@ -321,13 +325,13 @@ absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
   if (entry.ok()) {
     id = (*entry)->id();
   } else if (!IsMeshId(mesh) || !directory_.files().HasMesh(mesh)) {
-    return entry.status();
+    return absl::IsNotFound(entry.status()) ? NothingToRemove(entry.status()) : entry.status();
   }
   // Names first, then config, then mesh, for the same reason as in MoveFiles.
   const std::set<std::string> names = directory_.catalog().NamesOf(id);
   std::vector<std::string> paths;
   for (const std::string& name : names) paths.push_back(directory_.files().NamePath(name));
-  absl::Status removed = RemoveFiles(paths);
+  absl::Status removed = RemoveFiles(directory_.files().NamesPath(), paths);
   if (removed.ok()) removed = RemoveMeshFiles(id);
   if (!removed.ok()) {
     for (const std::string& name : names) directory_.ReadName(name).IgnoreError();
@@ -343,6 +347,11 @@ absl::StatusOr<std::string> Store::Delete(absl::string_view mesh) {
 absl::Status Store::RemoveMeshFiles(const std::string& id) {
   if (absl::Status status = RemoveFile(directory_.files().ConfigPath(id)); !status.ok()) return status;
   return RemoveFile(directory_.files().MeshPath(id));
+}
+
+absl::Status Store::NothingToRemove(const absl::Status& not_found) const {
+  const absl::Status synced = directory_.files().Sync();
+  return synced.ok() ? not_found : synced;
 }
 
 absl::StatusOr<MeshInfo> Store::Rebuild(absl::string_view mesh, const Config& config) {

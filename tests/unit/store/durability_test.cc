@@ -141,6 +141,31 @@ TEST_F(DurabilityTest, WhatIsFoundOnDiskIsSyncedBeforeItIsAcknowledged) {
   EXPECT_EQ(*store_->Name("one", id), id);
 }
 
+TEST_F(DurabilityTest, WhatIsFoundRemovedIsSyncedBeforeItIsAcknowledged) {
+  const auto is_synced = [&](WatchedDisk& disk, const std::string& folder) {
+    const std::vector<DiskCall> calls = disk.TakeCalls();
+    return std::any_of(calls.begin(), calls.end(), [&](const DiskCall& call) {
+      return call.kind == DiskCall::kSync && call.path == path_ + "/" + folder;
+    });
+  };
+  const auto remove_name = [&](const std::string&) { return store_->Name("a", "").status(); };
+  const auto remove_mesh = [&](const std::string& id) { return store_->Delete(id).status(); };
+  const auto expect_synced = [&](const std::string& folder, const auto& remove) {
+    const std::string id = Put(*store_, StripObj(1), "a", ConfigOfDelta(5))->info.id;
+    {
+      WatchedDisk disk(FailSyncs(folder));
+      EXPECT_EQ(remove(id).code(), absl::StatusCode::kInternal);
+      EXPECT_EQ(remove(id).code(), absl::StatusCode::kInternal) << "not synced: " << folder;
+    }
+    WatchedDisk disk;
+    const absl::Status status = remove(id);
+    EXPECT_TRUE(status.ok() || absl::IsNotFound(status)) << status;
+    EXPECT_TRUE(is_synced(disk, folder)) << folder;
+  };
+  expect_synced("names", remove_name);
+  for (const char* folder : {"names", "configs", "meshes"}) expect_synced(folder, remove_mesh);
+}
+
 TEST_F(DurabilityTest, AFailedUploadLeavesNoNameWithoutItsMesh) {
   const std::string old = Put(*store_, StripObj(1), "prod")->info.id;
   {
