@@ -1,6 +1,7 @@
 #include "server/store/data_directory.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <string_view>
 #include <system_error>
@@ -70,6 +71,7 @@ absl::Status DataDirectory::Look(Changes* changes) {
 absl::Status DataDirectory::LookAtMeshes(Changes* changes) {
   absl::StatusOr<FolderWatch::Changes> configs = configs_.Look();
   absl::StatusOr<FolderWatch::Changes> meshes = meshes_.Look();
+  const bool configs_are_told = configs.ok();
   absl::Status status = meshes.status();
   status.Update(configs.status());
   if (!meshes.ok()) meshes = FolderWatch::Changes();
@@ -82,7 +84,7 @@ absl::Status DataDirectory::LookAtMeshes(Changes* changes) {
       refused_.erase(MeshPath(id));
       read.insert(id);
       changes->meshes.push_back(*std::move(info));
-    } else if (!absl::IsNotFound(info.status()) && Refuse(MeshPath(id), info.status())) {
+    } else if (!absl::IsNotFound(info.status()) && (Refuse(MeshPath(id), info.status()) || !configs_are_told)) {
       meshes_.TellOf(id);
     }
   }
@@ -99,7 +101,7 @@ absl::Status DataDirectory::LookAtMeshes(Changes* changes) {
       configs_.TellOf(id);
     }
     // That of a mesh that was read was read with it.
-    if (read.contains(id) || MayPass(config.status())) continue;
+    if (read.contains(id) || IsConfigUnknown(config.status())) continue;
     changes->configs.emplace_back(id, config.ok() ? *config : Config());
   }
   for (std::string& id : configs->gone) {
@@ -151,7 +153,7 @@ void DataDirectory::TellOfName(const std::string& name) {
 void DataDirectory::RemoveStray(std::chrono::milliseconds lock_timeout, Changes* contents) const {
   absl::flat_hash_set<absl::string_view> ids;
   for (const MeshInfo& mesh : contents->meshes) ids.insert(mesh.id);
-  const auto is_stray = [&](const std::string& id) { return !ids.contains(id) && !Exists(MeshPath(id)); };
+  const auto is_stray = [&](const std::string& id) { return !ids.contains(id) && !HasMesh(id); };
   const auto is_stray_name = [&](const NameRecord& record) { return is_stray(record.id); };
   const auto is_stray_config = [&](const auto& config) { return is_stray(config.first); };
   if (std::none_of(contents->names.begin(), contents->names.end(), is_stray_name) &&
@@ -183,7 +185,12 @@ absl::Status DataDirectory::CheckWritable() const {
 }
 
 absl::StatusOr<FileDescriptor> DataDirectory::Lock(std::chrono::milliseconds timeout) const {
-  return LockFile(path_ + "/lock", timeout);
+  absl::StatusOr<FileDescriptor> lock = LockFile(path_ + "/lock", timeout);
+  for (const absl::string_view folder : kFolders) {
+    const std::string path = absl::StrCat(path_, "/", folder);
+    if (lock.ok() && !Exists(path)) lock = FolderError(ENOENT, "find", path);
+  }
+  return lock;
 }
 
 absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
@@ -192,7 +199,7 @@ absl::StatusOr<MeshInfo> DataDirectory::ReadMesh(const std::string& id) const {
   if (info->id != id)
     return absl::DataLossError(absl::StrCat("mesh file ", MeshPath(id), " holds a mesh of another id"));
   const absl::StatusOr<Config> config = ReadConfig(id);
-  if (MayPass(config.status())) return config.status();
+  if (IsConfigUnknown(config.status())) return config.status();
   if (config.ok()) info->config = *config;
   return info;
 }
@@ -201,7 +208,7 @@ absl::StatusOr<std::vector<std::string>> DataDirectory::ReadGroups(const std::st
   return ReadMeshFileGroups(MeshPath(id), id);
 }
 
-bool DataDirectory::HasMesh(absl::string_view id) const { return Exists(MeshPath(id)); }
+bool DataDirectory::HasMesh(absl::string_view id) const { return Exists(MeshPath(id)) || !Exists(path_ + "/meshes"); }
 
 absl::StatusOr<std::string> DataDirectory::ReadName(absl::string_view name) const {
   absl::StatusOr<NameRecord> record = ReadNameFile(Sha256::Hex(name));
@@ -231,6 +238,10 @@ absl::StatusOr<Config> DataDirectory::ReadConfig(absl::string_view id) const {
                                                              "; the mesh is built with the default config"));
   }
   return config;
+}
+
+bool DataDirectory::IsConfigUnknown(const absl::Status& read) const {
+  return MayPass(read) || (!read.ok() && !Exists(path_ + "/configs"));
 }
 
 bool DataDirectory::Refuse(const std::string& path, const absl::Status& status) {

@@ -59,7 +59,7 @@ class DataDirectory {
   absl::Status CheckWritable() const;
 
   // What changes the directory holds this, so that it may look before it acts. UNAVAILABLE where another server has it
-  // for longer than `timeout`.
+  // for longer than `timeout`, FAILED_PRECONDITION where a folder is gone: what is in it is not known.
   absl::StatusOr<FileDescriptor> Lock(std::chrono::milliseconds timeout) const;
 
   // What stands before the geometry, but for the groups, and the config. NOT_FOUND, DATA_LOSS and so on as
@@ -67,9 +67,9 @@ class DataDirectory {
   absl::StatusOr<MeshInfo> ReadMesh(const std::string& id) const;
   // Errors as above.
   absl::StatusOr<std::vector<std::string>> ReadGroups(const std::string& id) const;
-  // NOT_FOUND where the mesh has none.
+  // NOT_FOUND where the mesh has none; FAILED_PRECONDITION as above.
   absl::StatusOr<Config> ReadConfig(absl::string_view id) const;
-  // Whether a mesh's file is there, whole or not.
+  // Whether a mesh's file is there, whole or not, as far as can be told: where the folder is gone, it may be.
   bool HasMesh(absl::string_view id) const;
   // The id that a name points at, of a mesh that may not be there. Errors as above.
   absl::StatusOr<std::string> ReadName(absl::string_view name) const;
@@ -92,6 +92,9 @@ class DataDirectory {
 
   absl::Status LookAtMeshes(Changes* changes);
   absl::Status LookAtNames(Changes* changes);
+  // Whether it cannot be told for now, by what ReadConfig gave, what config a mesh has. (One without a config, or whose
+  // config is refused, has the default one.)
+  bool IsConfigUnknown(const absl::Status& read) const;
   // Removes names and configs without a mesh, as they stand where somebody took the mesh's file away.
   void RemoveStray(std::chrono::milliseconds lock_timeout, Changes* contents) const;
 

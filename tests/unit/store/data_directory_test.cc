@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <thread>
 
@@ -158,6 +159,48 @@ TEST_F(DataDirectoryTest, ADirectoryThatIsGoneIsNoMissingMesh) {
   std::filesystem::rename(path_ + ".gone", path_);
   EXPECT_EQ(store->Get("good")->state, MeshState::kReady);
   EXPECT_TRUE(store->Name("another", "good").ok());
+}
+
+TEST_F(DataDirectoryTest, WhileAFolderIsGoneNothingChanges) {
+  for (const char* folder : {"meshes", "configs", "names", "tmp"}) {
+    const std::string away = path_ + "/" + folder + ".away";
+    const auto store = OpenStore(path_);
+    ASSERT_TRUE(AwaitTree(*store, "good").ok());
+    std::filesystem::rename(path_ + "/" + folder, away);
+    const std::set<std::string> files = FilesIn(path_);
+    const auto expect_gone = [&](const absl::Status& status) {
+      EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition) << folder << ": " << status;
+      EXPECT_THAT(std::string(status.message()), HasSubstr("data directory is gone: no " + path_ + "/" + folder));
+    };
+    expect_gone(store->Name("another", "good").status());
+    expect_gone(store->Name("good", "").status());
+    expect_gone(store->Rebuild("good", Config()).status());
+    expect_gone(store->Delete("good").status());
+    expect_gone(store->Delete(std::string(64, '0')).status());
+    expect_gone(Put(*store, StripObj(1), "good", Config()).status());
+    expect_gone(Put(*store, StripObj(3)).status());
+    std::this_thread::sleep_for(std::chrono::milliseconds(400));  // the follower looks too
+    EXPECT_EQ(FilesIn(path_), files);
+    EXPECT_EQ(store->Watch("good")->build_number, 1u) << folder;
+    std::filesystem::rename(away, path_ + "/" + folder);
+    ASSERT_TRUE(store->Name("another", "good").ok());
+    EXPECT_EQ(store->Watch("good")->build_number, 1u) << folder;
+  }
+}
+
+TEST_F(DataDirectoryTest, AConfigWhoseFolderIsGoneIsTheOneBefore) {
+  const auto store = OpenStore(path_);
+  ASSERT_TRUE(AwaitTree(*store, "bad").ok());
+  std::filesystem::rename(path_ + "/configs", path_ + "/away");
+  // Read anew, since its file has changed.
+  const std::string content = ReadFile(MeshFile(bad_));
+  WriteFile(path_ + "/tmp/mesh", content);
+  std::filesystem::rename(path_ + "/tmp/mesh", MeshFile(bad_));
+  std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  std::filesystem::rename(path_ + "/away", path_ + "/configs");
+  ASSERT_TRUE(store->Name("another", "bad").ok());
+  EXPECT_EQ(store->Watch("bad")->build_number, 1u);
+  ExpectGood(*store);
 }
 
 TEST_F(DataDirectoryTest, AMeshFileThatVanishesIsADeletedMesh) {

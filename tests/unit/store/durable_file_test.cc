@@ -42,6 +42,7 @@ TEST(DurableFileTest, AFileIsMovedToItsPlaceWhole) {
   EXPECT_THAT(FilesIn(directory.path()), ElementsAre("place"));
   ASSERT_TRUE(RemoveFile(place).ok());
   EXPECT_TRUE(RemoveFile(place).ok());
+  EXPECT_EQ(RemoveFile(directory.path() + "/no_such_folder/file").code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(FilesIn(directory.path()), IsEmpty());
 }
 
