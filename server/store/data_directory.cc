@@ -52,6 +52,9 @@ absl::StatusOr<DataDirectory> DataDirectory::Open(const std::string& path, std::
     if (absl::Status status = MakeFolder(absl::StrCat(path, "/", folder)); !status.ok()) return status;
   }
   DataDirectory directory(path);
+  // Makes its file: the first to make it, as a back-up by another user, owns it. Where that cannot be, CheckWritable
+  // tells.
+  directory.Lock(std::chrono::milliseconds(0)).IgnoreError();
   if (const size_t removed = RemoveAbandonedFiles(directory.TemporariesPath()); removed > 0) {
     spdlog::info("removed {} temporaries that a dead server left in {}", removed, directory.TemporariesPath());
   }
@@ -177,7 +180,7 @@ void DataDirectory::RemoveStray(std::chrono::milliseconds lock_timeout, Changes*
 }
 
 absl::Status DataDirectory::CheckWritable() const {
-  absl::Status status;
+  absl::Status status = CheckLockable(LockPath());
   for (const absl::string_view folder : kFolders) {
     status.Update(deltaray::CheckWritable(absl::StrCat(path_, "/", folder)));
   }
@@ -185,7 +188,7 @@ absl::Status DataDirectory::CheckWritable() const {
 }
 
 absl::StatusOr<FileDescriptor> DataDirectory::Lock(std::chrono::milliseconds timeout) const {
-  absl::StatusOr<FileDescriptor> lock = LockFile(path_ + "/lock", timeout);
+  absl::StatusOr<FileDescriptor> lock = LockFile(LockPath(), timeout);
   for (const absl::string_view folder : kFolders) {
     const std::string path = absl::StrCat(path_, "/", folder);
     if (lock.ok() && !Exists(path)) lock = FolderError(ENOENT, "find", path);

@@ -55,7 +55,8 @@ class DataDirectory {
   void TellOfMesh(const std::string& id);
   void TellOfName(const std::string& name);
 
-  // Whether all folders are there and may be written to, as CheckWritable tells.
+  // Whether all folders are there and may be written to, and the lock be taken, as CheckWritable and CheckLockable
+  // tell.
   absl::Status CheckWritable() const;
 
   // What changes the directory holds this, so that it may look before it acts. UNAVAILABLE where another server has it
@@ -98,6 +99,7 @@ class DataDirectory {
   // Removes names and configs without a mesh, as they stand where somebody took the mesh's file away.
   void RemoveStray(std::chrono::milliseconds lock_timeout, Changes* contents) const;
 
+  std::string LockPath() const { return path_ + "/lock"; }
   std::string NamePathOfDigest(absl::string_view digest) const;
   absl::StatusOr<NameRecord> ReadNameFile(const std::string& digest) const;
   // Logs why a file is left out, once. True where it should be looked at again, since the error may pass.

@@ -58,6 +58,9 @@ absl::Status CreationError(int error, absl::string_view action, const std::strin
   return error == ENOENT ? IsGone(FolderOf(path)) : FileError(error, action, path);
 }
 
+// Whether the process may do this to the file or folder; otherwise errno tells why not.
+bool IsPermitted(const std::string& path, int mode) { return faccessat(AT_FDCWD, path.c_str(), mode, AT_EACCESS) == 0; }
+
 // Whether the writer of an open temporary is gone, as far as can be told.
 bool IsAbandoned(int fd) {
   if (Retry([&] { return flock(fd, LOCK_EX | LOCK_NB); }) == 0) return true;
@@ -187,8 +190,13 @@ absl::Status RemoveFiles(const std::string& folder, std::span<const std::string>
 }
 
 absl::Status CheckWritable(const std::string& path) {
-  if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return absl::OkStatus();
-  return FileError(errno, "write to", path);
+  if (IsPermitted(path, W_OK | X_OK)) return absl::OkStatus();
+  return FolderError(errno, "write to", path);
+}
+
+absl::Status CheckLockable(const std::string& path) {
+  if (IsPermitted(path, R_OK | W_OK)) return absl::OkStatus();
+  return errno == ENOENT ? CheckWritable(FolderOf(path)) : FileError(errno, "write to", path);
 }
 
 absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::milliseconds timeout) {

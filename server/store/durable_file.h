@@ -74,6 +74,8 @@ absl::Status RemoveFiles(const std::string& folder, std::span<const std::string>
 // Whether files may be made and removed in the folder, as far as its permissions and its file system tell: a full disk
 // is not noticed. Errors as above. Makes no file and needs no descriptor.
 absl::Status CheckWritable(const std::string& path);
+// Whether LockFile may open the file or, where it is missing, make it. Errors as above.
+absl::Status CheckLockable(const std::string& path);
 
 // Takes the lock of a file, which is made where missing and never removed. The lock goes with the descriptor, so with
 // the server too, whatever happens to it. UNAVAILABLE where somebody else has it for longer than `timeout`. Where the

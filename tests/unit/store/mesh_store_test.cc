@@ -395,6 +395,25 @@ TEST(MeshStoreTest, AReadOnlyDirectoryCanBeQueried) {
   permit(std::filesystem::perms::owner_all);
 }
 
+TEST(MeshStoreTest, ALockThatMayNotBeTakenIsToldAsADirectoryThatIsNotWritable) {
+  ScratchDirectory directory;
+  std::filesystem::permissions(directory.path(), std::filesystem::perms::all);
+  const WithoutPrivileges without;
+  const std::string path = directory.path() + "/data", lock = path + "/lock";
+  const auto store = OpenStore(path);
+  // Made before the first change, so that it is the server's.
+  ASSERT_TRUE(std::filesystem::exists(lock));
+  EXPECT_TRUE(store->Usage().directory_writable);
+  std::filesystem::permissions(lock, std::filesystem::perms::owner_read);
+  EXPECT_TRUE(Eventually([&] { return !store->Usage().directory_writable; }));
+  EXPECT_EQ(Put(*store, StripObj(1)).status().code(), absl::StatusCode::kFailedPrecondition);
+  std::filesystem::remove(lock);
+  EXPECT_TRUE(Eventually([&] { return store->Usage().directory_writable; }));
+  std::filesystem::permissions(path, std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
+  EXPECT_TRUE(Eventually([&] { return !store->Usage().directory_writable; }));
+  std::filesystem::permissions(path, std::filesystem::perms::owner_all);
+}
+
 // Waits until a tree can be had again: a failed build is not tried at once.
 void ExpectRecovers(MeshStore& store, const std::string& mesh) {
   for (int i = 0; i < 500 && !AwaitTree(store, mesh).ok(); ++i) {
