@@ -29,7 +29,7 @@ absl::Status BuildQueue::Push(uint64_t number, std::function<void()> job, uint64
 
 absl::Status BuildQueue::CheckRoom(uint64_t replaced) const {
   MutexLock lock(mutex_);
-  return Find(replaced) != jobs_.end() ? absl::OkStatus() : HasRoom();
+  return replaced != 0 && Find(replaced) != jobs_.end() ? absl::OkStatus() : HasRoom();
 }
 
 absl::Status BuildQueue::HasRoom() const {

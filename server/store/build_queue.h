@@ -40,7 +40,7 @@ class BuildQueue {
   // RESOURCE_EXHAUSTED where too many jobs wait. The job `replaced`, where it has not begun, is dropped for this one. A
   // job that comes after Stop is dropped.
   absl::Status Push(uint64_t number, std::function<void()> job, uint64_t replaced);
-  // Whether Push has room.
+  // Whether Push has room. `replaced`: 0 where there is none that waits.
   absl::Status CheckRoom(uint64_t replaced) const;
   // Drops a job that has not begun.
   void Remove(uint64_t number);

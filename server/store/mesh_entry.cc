@@ -72,7 +72,7 @@ absl::StatusOr<bool> MeshEntry::CheckFile(const std::function<bool()>& cancelled
 
 void MeshEntry::Start(LoadedMesh loaded) {
   MutexLock lock(mutex_);
-  if (!current_ || !current_->status().ok()) StartRun(config_, std::move(loaded)).IgnoreError();
+  if (!current_ || !current_->status().ok()) StartRun(std::move(loaded)).IgnoreError();
 }
 
 void MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
@@ -87,8 +87,10 @@ void MeshEntry::Rebuild(const Config& config, LoadedMesh loaded) {
 
 std::shared_ptr<BuildRun> MeshEntry::ReplaceRun(LoadedMesh loaded) {
   std::shared_ptr<BuildRun> old = current_;
-  rebuild_is_due_ = !StartRun(config_, std::move(loaded)).ok();
-  return rebuild_is_due_ ? nullptr : old;
+  if (StartRun(std::move(loaded)).ok()) return old;
+  // A mesh that is only stored is built with config_ anyway.
+  rebuild_is_due_ = old != nullptr;
+  return nullptr;
 }
 
 absl::Status MeshEntry::CheckRebuild(const Config& config) const {
@@ -108,22 +110,19 @@ void MeshEntry::SetConfig(const Config& config) {
   if (old) old->Cancel();
 }
 
-void MeshEntry::StartDueRebuild() {
-  std::shared_ptr<BuildRun> old;
-  {
-    MutexLock lock(mutex_);
-    if (rebuild_is_due_) old = ReplaceRun();
-  }
-  if (old) old->Cancel();
+std::shared_ptr<BuildRun> MeshEntry::StartDueRebuild() {
+  return rebuild_is_due_ && queue_->CheckRoom(0).ok() ? ReplaceRun() : nullptr;
 }
 
 bool MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore::Answer>)> callback,
                          std::function<bool()> cancelled) {
   absl::StatusOr<MeshStore::Answer> answer;
+  std::shared_ptr<BuildRun> old;
+  bool waits = false;
   Touch();
-  StartDueRebuild();
   {
     MutexLock lock(mutex_);
+    old = StartDueRebuild();
     const std::shared_ptr<BuildRun>& run = final ? finished_ : answering_;
     if (!closed_.ok()) {
       answer = closed_;
@@ -135,16 +134,18 @@ bool MeshEntry::WithTree(bool final, std::function<void(absl::StatusOr<MeshStore
       answer = no_waiting_;
     } else {
       absl::Status started;
-      if (!current_ || !current_->status().ok()) started = StartRun(config_);
-      if (started.ok()) {
+      if (!current_ || !current_->status().ok()) started = StartRun();
+      waits = started.ok();
+      if (waits) {
         waiters_.push_back({final, std::move(callback), std::move(cancelled)});
-        return true;
+      } else {
+        answer = started;
       }
-      answer = started;
     }
   }
-  callback(std::move(answer));
-  return false;
+  if (old) old->Cancel();
+  if (!waits) callback(std::move(answer));
+  return waits;
 }
 
 void MeshEntry::ForgetCancelled() {
@@ -172,13 +173,18 @@ void MeshEntry::StopWaiting(const absl::Status& status) {
 }
 
 absl::StatusOr<BuildReport> MeshEntry::Watch(bool start) {
-  if (start) StartDueRebuild();
-  MutexLock lock(mutex_);
-  if (!current_ && start) {
-    if (absl::Status status = StartRun(config_); !status.ok()) return status;
+  std::shared_ptr<BuildRun> old;
+  BuildReport report;
+  {
+    MutexLock lock(mutex_);
+    old = StartDueRebuild();
+    if (!current_ && start) {
+      if (absl::Status status = StartRun(); !status.ok()) return status;
+    }
+    if (current_) report = CurrentReport();
+    report.answers = answering_ != nullptr && closed_.ok();
   }
-  BuildReport report = current_ ? CurrentReport() : BuildReport();
-  report.answers = answering_ != nullptr && closed_.ok();
+  if (old) old->Cancel();
   return report;
 }
 
@@ -187,7 +193,13 @@ bool MeshEntry::MayTryAgain() const {
 }
 
 BuildReport MeshEntry::CurrentReport() const {
-  BuildReport report = current_->Report();
+  BuildReport report;
+  if (rebuild_is_due_) {
+    report.state = MeshState::kBuilding;
+    report.progress.triangles = info_.triangle_count;
+    return report;
+  }
+  report = current_->Report();
   // The run has its trees a moment before they answer here, and what is said to stand must answer.
   if (report.state == MeshState::kReady && current_ != finished_) report.state = MeshState::kProvisional;
   if (report.state == MeshState::kProvisional && current_ != answering_) report.state = MeshState::kBuilding;
@@ -254,6 +266,7 @@ std::string MeshEntry::Drop() {
   } else if (!keep_current && answering == current_) {
     current_ = current_->WithoutTree();
   }
+  rebuild_is_due_ = rebuild_is_due_ && current_;
   if (finished || answering) return "tree";
   return uploaded.mesh ? "geometry" : "";
 }
@@ -265,6 +278,7 @@ void MeshEntry::Close(const absl::Status& status) {
   {
     MutexLock lock(mutex_);
     closed_ = status;
+    rebuild_is_due_ = false;
     uploaded = std::exchange(uploaded_, {});
     waiters.swap(waiters_);
     run = current_;
@@ -276,9 +290,9 @@ void MeshEntry::Close(const absl::Status& status) {
   for (Waiter& waiter : waiters) waiter.callback(status);
 }
 
-absl::Status MeshEntry::StartRun(const Config& config, LoadedMesh loaded) {
+absl::Status MeshEntry::StartRun(LoadedMesh loaded) {
   if (!closed_.ok()) return absl::OkStatus();
-  const auto run = std::make_shared<BuildRun>(queue_->NextNumber(), config, info_.triangle_count);
+  const auto run = std::make_shared<BuildRun>(queue_->NextNumber(), config_, info_.triangle_count);
   // Before a thread of the queue makes room for it.
   Touch();
   // A run that waits makes room for the one that takes its place.

@@ -58,7 +58,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
   // `loaded`, the same as in the file, saves reading that; may be empty.
   void Start(LoadedMesh loaded);
   // Cancels the build under way and starts another one. `loaded` as above. Where the queue is full, it is started by
-  // whoever next asks for a tree or watches, once there is room; until then all stays but the config.
+  // whoever next asks for a tree or watches, once there is room; until then the old trees and build stay, and the mesh
+  // is reported as one whose build waits.
   void Rebuild(const Config& config, LoadedMesh loaded);
   // Whether Rebuild with `config` has room in the queue, and the build in memory.
   absl::Status CheckRebuild(const Config& config) const;
@@ -99,20 +100,20 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
     std::function<bool()> cancelled;  // may be empty
   };
 
-  // REQUIRES: current_ is set.
+  // REQUIRES: current_ is set. Of the run that is to come, where a rebuild is due.
   BuildReport CurrentReport() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Whether the current run has, or is to have, what somebody waits for.
   bool CurrentIsNeeded() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // What Drop lets go of, each once.
   std::vector<std::shared_ptr<TreeBudget::Reservation>> DroppableMemory() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool MayTryAgain() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Makes a new run the current one. RESOURCE_EXHAUSTED, and nothing has changed, where the queue is full.
-  absl::Status StartRun(const Config& config, LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Makes a run with config_ the current one, or leaves that due. Returns what is to be cancelled after the lock; null:
-  // nothing.
+  // Makes a new run, with config_, the current one. RESOURCE_EXHAUSTED, and nothing has changed, where the queue is
+  // full.
+  absl::Status StartRun(LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Makes a new run the current one, or leaves that due. Returns what is to be cancelled after the lock; null: nothing.
   std::shared_ptr<BuildRun> ReplaceRun(LoadedMesh loaded = {}) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Tries to start what Rebuild and SetConfig could not.
-  void StartDueRebuild();
+  // Starts what Rebuild and SetConfig could not, where there is room by now. Returns as ReplaceRun.
+  std::shared_ptr<BuildRun> StartDueRebuild() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // On a thread of the queue, from begin to end of a build.
   void DoRun(const std::shared_ptr<BuildRun>& run);
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> LoadMesh(const std::function<bool()>& cancelled);
@@ -131,7 +132,8 @@ class MeshEntry : public std::enable_shared_from_this<MeshEntry> {
 
   mutable Mutex mutex_;
   Config config_ ABSL_GUARDED_BY(mutex_);
-  // Whether current_ is to be replaced by a run with config_, for which the queue had no room.
+  // Whether current_, which is set and does not wait in the queue, is to be replaced by a run with config_, for which
+  // the queue had no room.
   bool rebuild_is_due_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status closed_ ABSL_GUARDED_BY(mutex_);  // not OK once closed
   bool file_is_lost_ ABSL_GUARDED_BY(mutex_) = false;

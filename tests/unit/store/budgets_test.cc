@@ -297,17 +297,28 @@ TEST(BudgetsTest, ANewConfigThatFindsTheQueueFullIsBuiltOnceThereIsRoom) {
       ASSERT_TRUE(other->Rebuild(id, with_delta(7)).ok());
     }
     ASSERT_TRUE(Eventually([&] { return store->Get(id)->config.delta == 7; }, std::chrono::seconds(5)));
-    // The old tree goes on to answer.
+    // The old tree goes on to answer, but is not told to be the new one.
     EXPECT_TRUE(AwaitTree(*store, id).ok());
     EXPECT_EQ(store->Statistics(id)->statistics.config.delta, 5u);
+    EXPECT_EQ(store->Get(id)->state, MeshState::kBuilding);
+    for (const bool start : {true, false}) {
+      const absl::StatusOr<BuildReport> report = store->Watch(id, start);
+      ASSERT_TRUE(report.ok()) << report.status();
+      EXPECT_EQ(report->state, MeshState::kBuilding);
+      EXPECT_EQ(report->build_number, 0u);
+      EXPECT_TRUE(report->answers);
+    }
 
+    const uint64_t last = store->Watch(waiting)->build_number;
     gate.Open();
     ASSERT_TRUE(AwaitTree(*store, waiting).ok());
     if (by_upload) {
-      EXPECT_TRUE(store->Watch(id).ok());
+      EXPECT_TRUE(store->Watch(id, /*start=*/false).ok());
     } else {
       EXPECT_TRUE(AwaitTree(*store, id).ok());
     }
+    // Those who asked in vain have taken no number. (One was taken when the queue was found full.)
+    EXPECT_EQ(store->Watch(id)->build_number, last + 2);
     EXPECT_TRUE(
         Eventually([&] { return store->Statistics(id)->statistics.config.delta == 7; }, std::chrono::seconds(5)));
   }
