@@ -38,8 +38,9 @@ class ChangeLock {
   ChangeLock(const DataDirectory* directory, std::chrono::milliseconds timeout)
       : directory_(directory), timeout_(timeout) {}
 
-  // UNAVAILABLE where others have it for longer than the timeout. From then on, until somebody gets it, the wait is a
-  // hundredth of that, so that changes that come meanwhile do not hold all threads.
+  // UNAVAILABLE where others have it for longer than the timeout. Where it was another server for all that time, the
+  // wait is a hundredth of it from then on, until somebody gets the lock, or the timeout has passed again: so changes
+  // that come meanwhile do not hold all threads.
   absl::StatusOr<Held> Take();
 
  private:
@@ -50,7 +51,7 @@ class ChangeLock {
   Mutex mutex_;
   Condition given_back_;
   bool taken_ ABSL_GUARDED_BY(mutex_) = false;
-  bool stuck_ ABSL_GUARDED_BY(mutex_) = false;  // whether the last wait was in vain
+  std::chrono::steady_clock::time_point stuck_until_ ABSL_GUARDED_BY(mutex_);  // until when the wait is short
 };
 
 }  // namespace deltaray

@@ -205,8 +205,7 @@ absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::mi
   const auto deadline = std::chrono::steady_clock::now() + timeout;
   while (Retry([&] { return flock(file.get(), LOCK_EX | LOCK_NB); }) != 0 && errno == EWOULDBLOCK) {
     if (std::chrono::steady_clock::now() >= deadline) {
-      return absl::UnavailableError(
-          absl::StrCat("another server has held the lock ", path, " for ", timeout.count(), " ms"));
+      return absl::UnavailableError(absl::StrCat("another server holds the lock ", path));
     }
     std::this_thread::sleep_for(kLockInterval);
   }

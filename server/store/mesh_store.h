@@ -44,7 +44,8 @@ struct MeshInfo {
 // The progress of a mesh's build, and which build it is.
 struct BuildReport {
   MeshState state = MeshState::kStored;
-  // Counted from 1 over the builds of all meshes since the store was opened. 0: the mesh had none.
+  // Counted from 1 over the builds of all meshes since the store was opened. 0: the mesh had none, or the build that it
+  // is to have found no room in the queue yet.
   uint64_t build_number = 0;
   BuildProgress progress;
   std::string failure;
@@ -115,7 +116,7 @@ class Upload {
 // `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
 // damaged or cannot be read. A mesh or name that is not known is looked for on disk at once; that a known one was
 // moved or deleted by another server is noticed within a few Options::follow_interval. Changes are UNAVAILABLE where
-// another server holds up all changes for Options::change_timeout.
+// another server holds up all changes for Options::change_timeout, or has done so just before.
 class MeshStore {
  public:
   struct Options {
@@ -137,7 +138,8 @@ class MeshStore {
     // How long it takes to notice what other servers change in the directory.
     std::chrono::milliseconds follow_interval{250};
     // How long a change waits for those of others before it is UNAVAILABLE. A change takes milliseconds: a server that
-    // holds the directory's lock for this long has been stopped, or has lost the disk.
+    // holds the directory's lock for this long has been stopped, or has lost the disk. Those that come after that,
+    // until one gets the lock but not for longer than this again, wait for a hundredth of it.
     std::chrono::milliseconds change_timeout{10'000};
     std::function<void()> on_delta_leaf;  // see Build::Options; for tests that need a slow build
     // Called at the end of every build, from its thread. Must not call the store.
@@ -154,7 +156,8 @@ class MeshStore {
 
   // Reads the groups from the mesh's file.
   virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
-  // Whether a mesh is known, so that nothing that is asked of it is looked for on the disk. Cheap, and never blocks.
+  // Whether a mesh is known, so that nothing that is asked of it, but for Get, is looked for on the disk. Cheap, and
+  // never blocks.
   virtual bool IsKnown(absl::string_view mesh) const = 0;
   // The id of a mesh, where there is such a mesh. Cheap where it is known.
   virtual absl::StatusOr<std::string> Resolve(absl::string_view mesh) const = 0;
