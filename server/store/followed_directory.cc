@@ -26,8 +26,12 @@ DroppedEntries::~DroppedEntries() {
 
 FollowedDirectory::FollowedDirectory(DataDirectory directory, DataDirectory::Changes contents,
                                      std::chrono::milliseconds interval,
-                                     std::function<EntryPointer(MeshInfo)> make_entry)
-    : interval_(interval), make_entry_(std::move(make_entry)), directory_(std::move(directory)) {
+                                     std::function<EntryPointer(MeshInfo)> make_entry, std::chrono::milliseconds hang)
+    : interval_(interval),
+      hang_(hang),
+      make_entry_(std::move(make_entry)),
+      hangs_from_((std::chrono::steady_clock::now() + hang).time_since_epoch()),
+      directory_(std::move(directory)) {
   {
     DroppedEntries none;
     MutexLock lock(mutex_);
@@ -185,6 +189,7 @@ void FollowedDirectory::Follow() {
     // Where there is much to look at, a tenth of the time at most.
     const Clock::duration took = Clock::now() - begin;
     const Clock::time_point next = begin + std::max<Clock::duration>(interval_, 10 * took);
+    hangs_from_ = (next + hang_).time_since_epoch();
     MutexLock lock(stop_mutex_);
     while (!stopped_ && Clock::now() < next) stop_changed_.wait_until(stop_mutex_, next);
     if (stopped_) return;

@@ -40,9 +40,10 @@ class DroppedEntries {
 class FollowedDirectory {
  public:
   // `make_entry` makes the entry of a mesh that was found. Follows others' changes from here on, each within some
-  // `interval`.
+  // `interval`. A look at the directory that comes later than it should by `hang` is held up by a disk that hangs.
   FollowedDirectory(DataDirectory directory, DataDirectory::Changes contents, std::chrono::milliseconds interval,
-                    std::function<EntryPointer(MeshInfo)> make_entry);
+                    std::function<EntryPointer(MeshInfo)> make_entry,
+                    std::chrono::milliseconds hang = std::chrono::seconds(30));
   ~FollowedDirectory();
 
   const Catalog& catalog() const { return catalog_; }
@@ -50,8 +51,11 @@ class FollowedDirectory {
   // Its Look is not to be called.
   const DataDirectory& files() const { return directory_; }
 
-  // Whether the directory could be written to when that was last looked at, a second ago or so.
-  bool is_writable() const { return is_writable_; }
+  // Whether the directory could be written to when that was last looked at, a second ago or so. Not where the disk
+  // hangs.
+  bool is_writable() const {
+    return is_writable_ && std::chrono::steady_clock::now().time_since_epoch() < hangs_from_.load();
+  }
 
   // The mesh of an id or a name; looked for on disk where it is not known yet.
   absl::StatusOr<EntryPointer> Find(absl::string_view mesh);
@@ -86,12 +90,13 @@ class FollowedDirectory {
   // Looks whether the directory can be written to, and logs where that has changed.
   void LookWhetherWritable();
 
-  const std::chrono::milliseconds interval_;
+  const std::chrono::milliseconds interval_, hang_;
   const std::function<EntryPointer(MeshInfo)> make_entry_;
   Catalog catalog_;
   Mutex mutex_;
   std::atomic<bool> is_writable_{true};
-  DataDirectory directory_;  // what of it is not thread-safe is guarded by mutex_
+  std::atomic<std::chrono::steady_clock::duration> hangs_from_;  // unless a look has ended before
+  DataDirectory directory_;                                      // what of it is not thread-safe is guarded by mutex_
 
   Mutex stop_mutex_;
   Condition stop_changed_;

@@ -65,7 +65,7 @@ struct EndedBuild {
 struct StoreUsage {
   std::array<uint64_t, 5> meshes{};  // by MeshState
   uint64_t disk_bytes = 0;
-  bool directory_writable = true;  // as of a second ago or so
+  bool directory_writable = true;  // as of a second ago or so; false where the disk has hung for 30 s
   uint64_t mesh_bytes = 0;         // geometry in memory
   uint64_t tree_bytes = 0;         // of trees whose build has ended
   // What counts towards Options::tree_bytes, builds and uploads included; and that limit.

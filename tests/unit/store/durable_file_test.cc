@@ -15,6 +15,7 @@
 #include "server/store/upload_file.h"
 #include "tests/hindered.h"
 #include "tests/unit/store/fixture.h"
+#include "tests/unit/store/watched_disk.h"
 
 namespace deltaray {
 namespace {
@@ -145,6 +146,16 @@ TEST(DurableFileTest, WhatMayNotBeWrittenToIsFailedPrecondition) {
   EXPECT_EQ(TemporaryFile::Create(directory.path()).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(CreateUnnamedFile(directory.path()).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(MakeFolder(directory.path() + "/sub").code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST(DurableFileTest, ASandboxThatRefusesToTellIsNoMissingPermission) {
+  ScratchDirectory directory;
+  for (const int error : {EPERM, ENOSYS}) {
+    WatchedDisk disk([error](const DiskCall& call) { return call.kind == DiskCall::kAccess ? error : 0; });
+    EXPECT_TRUE(CheckWritable(directory.path()).ok());
+    EXPECT_TRUE(CheckLockable(directory.path() + "/lock").ok());
+    EXPECT_EQ(CheckWritable(directory.path() + "/gone").code(), absl::StatusCode::kFailedPrecondition);
+  }
 }
 
 TEST(DurableFileTest, AnUploadIsCountedHashedAndReadWhole) {

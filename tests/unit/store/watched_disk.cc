@@ -119,4 +119,14 @@ int mkdir(const char* path, mode_t mode) noexcept {
       [&] { return syscall(SYS_mkdirat, AT_FDCWD, path, mode); });
 }
 
+int faccessat(int folder, const char* path, int mode, int flags) noexcept {
+  using deltaray::DiskCall;
+  return deltaray::Watched(
+      [&] {
+        return DiskCall{DiskCall::kAccess, path, ""};
+      },
+      // For the user that the process acts as, as `flags` ask for.
+      [&] { return syscall(SYS_faccessat2, folder, path, mode, flags); });
+}
+
 }  // extern "C"

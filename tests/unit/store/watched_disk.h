@@ -1,4 +1,5 @@
-// The calls by which the program changes folders and makes files durable: noted, and refused where a test wants it.
+// The calls by which the program changes folders and makes files durable, and by which it looks whether it may: noted,
+// and refused where a test wants it.
 
 #ifndef TESTS_UNIT_STORE_WATCHED_DISK_H_
 #define TESTS_UNIT_STORE_WATCHED_DISK_H_
@@ -11,7 +12,7 @@
 namespace deltaray {
 
 struct DiskCall {
-  enum Kind { kSync, kRename, kUnlink, kMakeFolder } kind;
+  enum Kind { kSync, kRename, kUnlink, kMakeFolder, kAccess } kind;
   std::string path;  // where the file or folder was
   std::string to;    // kRename
   int64_t size = 0;  // kSync, kRename: bytes of the file
