@@ -69,7 +69,10 @@ void SetNumber(std::string* input, Random& random) {
 }
 
 void InsertBytes(std::string* input, Random& random) {
-  std::string bytes(1 + random.Below(16), OneOf(kBytes, random));
+  // Drawn one after the other: arguments are evaluated in any order, and inputs must be the same everywhere.
+  const uint32_t count = 1 + random.Below(16);
+  const char byte_of_all = OneOf(kBytes, random);
+  std::string bytes(count, byte_of_all);
   if (random.Below(2) == 0) {
     for (char& byte : bytes) byte = static_cast<char>(random.Below(256));
   }

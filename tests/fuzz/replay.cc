@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -68,8 +69,11 @@ std::string ReadFile(const fs::path& path) {
   return bytes;
 }
 
+// From memory of its exact size, so that AddressSanitizer sees what is read beyond: a string ends with one byte more.
 void RunInput(const std::string& bytes) {
-  LLVMFuzzerTestOneInput(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
+  const auto input = std::make_unique<uint8_t[]>(bytes.size());
+  std::copy(bytes.begin(), bytes.end(), input.get());
+  LLVMFuzzerTestOneInput(input.get(), bytes.size());
 }
 
 // Each input is in a file while it runs, and stays there if it ends the process, or hangs.
