@@ -81,6 +81,18 @@ TEST_F(PortFileTest, PipesAndDevicesAreWrittenTo) {
   EXPECT_EQ(Files(), 2);
 }
 
+TEST_F(PortFileTest, AnOpenFileIsWrittenToWhereItIs) {
+  std::ofstream(path_) << "before\n";
+  const int output = open(path_.c_str(), O_RDWR | O_APPEND | O_CLOEXEC);
+  ASSERT_TRUE(WritePortFile("/proc/self/fd/" + std::to_string(output), 1234).ok());
+  ASSERT_TRUE(WritePortFile("/dev/fd/" + std::to_string(output), 5).ok());
+  char read_bytes[32] = {};
+  EXPECT_EQ(pread(output, read_bytes, sizeof(read_bytes), 0), 14) << "replaced, or written over";
+  EXPECT_STREQ(read_bytes, "before\n1234\n5\n");
+  close(output);
+  EXPECT_EQ(Files(), 1);
+}
+
 TEST_F(PortFileTest, TellsWhyAFileCannotBeWritten) {
   EXPECT_EQ(WritePortFile("/no/such/port", 1).message(),
             "--port-file: cannot write /no/such/port: No such file or directory");
