@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <optional>
 #include <string>
 #include <utility>
@@ -12,6 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "client/exit_code.h"
 #include "client/retry.h"
+#include "client/security_flags.h"
 #include "client/tls.h"
 #include "grpcpp/create_channel.h"
 #include "grpcpp/security/credentials.h"
@@ -39,6 +41,23 @@ std::chrono::system_clock::time_point After(double seconds) {
 absl::Status Unreachable(const Session& session, absl::string_view reason) {
   return FromRpc(grpc::Status(grpc::StatusCode::UNAVAILABLE,
                               absl::StrCat("cannot reach deltarayd at ", session.server, ": ", reason)));
+}
+
+// The variable of the environment that names a proxy for the session's server; empty: none. It may except the server
+// (no_proxy), which only gRPC knows.
+absl::string_view ProxyVariable(const Session& session) {
+  if (StaysHere(session.server)) return "";
+  for (const char* const name : {"grpc_proxy", "https_proxy", "http_proxy"}) {
+    const char* const value = std::getenv(name);
+    if (value != nullptr && *value != '\0') return name;
+  }
+  return "";
+}
+
+std::string NoAddress(const Session& session) {
+  const absl::string_view proxy = ProxyVariable(session);
+  if (proxy.empty()) return "its name cannot be resolved";
+  return absl::StrCat("its name, or that of the proxy in ", proxy, ", cannot be resolved");
 }
 
 // Whether the channel, which has failed, found no address for the server's name. Only gRPC knows: with a proxy it looks
@@ -117,7 +136,7 @@ absl::StatusOr<Connection> Connection::Open(const Session& session) {
       const bool unresolved = IsUnresolved(channel);
       // It would go on trying while the reason is looked for, and into the end of the process.
       channel.reset();
-      return Unreachable(session, unresolved ? "its name cannot be resolved" : Reason(session, tls));
+      return Unreachable(session, unresolved ? NoAddress(session) : Reason(session, tls));
     }
     if (session.stop.fired()) return Interrupted();
     const auto now = std::chrono::system_clock::now();

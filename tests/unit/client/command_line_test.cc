@@ -28,12 +28,20 @@ TEST(CommandLineTest, ServerThatIsNotThere) {
             "deltaray: cannot reach deltarayd at 127.0.0.1:1: no server answers there (UNAVAILABLE)\n");
 }
 
-// No name server has to be asked of this one.
+// No name server has to be asked of these.
 TEST(CommandLineTest, NameThatCannotBeResolved) {
+  for (const char* const name : {"grpc_proxy", "https_proxy", "http_proxy"}) unsetenv(name);
   TestSession session("no..name:1");
   EXPECT_EQ(session.Run({"list"}), 64 + 14);
   EXPECT_EQ(session.TakeMessages(),
             "deltaray: cannot reach deltarayd at no..name:1: its name cannot be resolved (UNAVAILABLE)\n");
+  // With a proxy, gRPC asks for its name instead.
+  setenv("http_proxy", "http://no..proxy:1", 1);
+  EXPECT_EQ(session.Run({"list"}), 64 + 14);
+  EXPECT_EQ(session.TakeMessages(),
+            "deltaray: cannot reach deltarayd at no..name:1: its name, or that of the proxy in http_proxy, cannot be "
+            "resolved (UNAVAILABLE)\n");
+  unsetenv("http_proxy");
 }
 
 TEST(CommandLineTest, ThatNobodyListensIsToldAtOnce) {
