@@ -117,7 +117,6 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
     return UseTreeOfKnown(backend, mesh, wait_final, std::move(cancelled), std::move(use));
   }
   const auto find = [backend, mesh, wait_final, cancelled, use] {
-    if (cancelled()) return;
     const absl::Status status = CatchExceptions([&] {
       // Known from here on, where it is there.
       if (absl::Status found = backend.store->Resolve(mesh).status(); !found.ok()) return found;
@@ -127,7 +126,7 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
     if (!status.ok()) use(status);
   };
   const absl::Status status = CatchExceptions([&] {
-    backend.disk->Run(find);
+    backend.disk->Run(find, cancelled);
     return absl::OkStatus();
   });
   if (!status.ok()) use(status);

@@ -72,7 +72,7 @@ grpc::ServerUnaryReactor* MeshHandlers::ListMeshes(grpc::CallbackServerContext* 
 grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) {
   return AnswerUnary<v1::NameMeshRequest, v1::NameMeshResponse>(
-      unary_, {"MeshService/NameMesh", context}, backend_.disk, request, response,
+      unary_, {"MeshService/NameMesh", context}, backend_.changes, request, response,
       [store = backend_.store](const v1::NameMeshRequest& name) -> absl::StatusOr<v1::NameMeshResponse> {
         if (absl::Status status = ValidateMeshName(name.name()); !status.ok()) {
           return absl::Status(status.code(), absl::StrCat("name: ", status.message()));
@@ -88,7 +88,7 @@ grpc::ServerUnaryReactor* MeshHandlers::NameMesh(grpc::CallbackServerContext* co
 grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* context,
                                                    const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
-      unary_, {"MeshService/DeleteMesh", context}, backend_.disk, request, response,
+      unary_, {"MeshService/DeleteMesh", context}, backend_.changes, request, response,
       [store = backend_.store](const v1::DeleteMeshRequest& mesh) -> absl::StatusOr<v1::DeleteMeshResponse> {
         absl::StatusOr<std::string> id = store->Delete(mesh.mesh());
         if (!id.ok()) return id.status();
@@ -101,7 +101,7 @@ grpc::ServerUnaryReactor* MeshHandlers::DeleteMesh(grpc::CallbackServerContext* 
 grpc::ServerUnaryReactor* MeshHandlers::RebuildMesh(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* request, grpc::ByteBuffer* response) {
   return AnswerUnary<v1::RebuildMeshRequest, v1::RebuildMeshResponse>(
-      unary_, {"MeshService/RebuildMesh", context}, backend_.disk, request, response,
+      unary_, {"MeshService/RebuildMesh", context}, backend_.changes, request, response,
       [store = backend_.store](const v1::RebuildMeshRequest& rebuild) -> absl::StatusOr<v1::RebuildMeshResponse> {
         absl::StatusOr<Config> config;
         if (rebuild.has_build_options()) {

@@ -35,6 +35,8 @@ namespace deltaray {
 namespace {
 
 constexpr uint32_t kDiskThreads = 4;
+// Changes take turns; those that wait for the lock of a server that has stopped wait at the same time.
+constexpr uint32_t kChangeThreads = 4;
 // Uploads that are read at once. Each takes memory for the whole mesh, and a core.
 constexpr uint32_t kCommitThreads = 2;
 // A client that has stopped without closing its connection is noticed by this alone.
@@ -103,12 +105,13 @@ class GrpcServer final : public Server {
         call_limits_(options.calls),
         calls_(Watchers(), options.idle_timeout),
         store_(std::move(store)),
-        disk_(kDiskThreads),
-        commits_(kCommitThreads),
-        mesh_handlers_(&calls_, {store_.get(), &disk_, &commits_, options.store.max_upload_bytes,
+        mesh_handlers_(&calls_, {store_.get(), &disk_, &changes_, &commits_, options.store.max_upload_bytes,
                                  options.batch.max_message_bytes, &batch_budget_, metrics_.get()}),
         ray_handlers_(&calls_, {store_.get(), &disk_, &tracer_, options.batch, &batch_budget_, metrics_.get()}),
-        health_handlers_(&calls_, store_.get(), &disk_, &batch_budget_) {}
+        health_handlers_(&calls_, store_.get(), &disk_, &batch_budget_),
+        disk_(kDiskThreads),
+        changes_(kChangeThreads),
+        commits_(kCommitThreads) {}
 
   ~GrpcServer() override {
     if (server_ != nullptr) Shutdown(std::chrono::milliseconds(0));
@@ -164,6 +167,8 @@ class GrpcServer final : public Server {
       calls_.Tick(now);
       batch_budget_.Tick(now);
       store_->ForgetCancelled();
+      disk_.ForgetCancelled();
+      changes_.ForgetCancelled();
       wake_call_->Make();
     });
     watchdog_.emplace(
@@ -221,8 +226,8 @@ class GrpcServer final : public Server {
   const ServerOptions options_;
   const Security security_;
   const std::shared_ptr<Metrics> metrics_;  // the builds of the store count there too
-  // In the order in which they must outlive each other: calls use handlers, handlers pools, and all of them the store,
-  // whose builds hand answers to the tracer, as the budget's thread does with batches.
+  // In the order in which they must outlive each other: tasks of the pools, which outlive their calls, use handlers,
+  // and all of them the store, whose builds hand answers to the tracer, as the budget's thread does with batches.
   Tracer tracer_;
   BatchBudget batch_budget_;
   CallLog call_log_;
@@ -230,11 +235,12 @@ class GrpcServer final : public Server {
   CallLimits call_limits_;
   Calls calls_;
   const std::unique_ptr<MeshStore> store_;
-  WorkerPool disk_;
-  WorkerPool commits_;
   MeshHandlers mesh_handlers_;
   RayHandlers ray_handlers_;
   HealthHandlers health_handlers_;
+  WorkerPool disk_;
+  WorkerPool changes_;
+  WorkerPool commits_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Listener> listener_;
   std::unique_ptr<MetricsPage> metrics_page_;

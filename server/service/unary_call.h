@@ -56,21 +56,25 @@ struct UnaryBackend {
 };
 
 // Answers one call by handler(request), run on `pool`, or at once where that is nullptr and the handler does not block;
-// not at all where nobody waits for it any more. The request holds neither rays nor files, see ParseSmallMessage.
+// not at all where nobody waits for it any more. The request holds neither rays nor files: one that is not small is
+// refused before it is queued, since gRPC keeps it until its call is answered.
 template <typename Request, typename Response>
 grpc::ServerUnaryReactor* AnswerUnary(const UnaryBackend& backend, const RpcInfo& rpc, WorkerPool* pool,
                                       const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
                                       std::function<absl::StatusOr<Response>(const Request&)> handler) {
   auto call = UnaryCall::Make(backend.calls, response, backend.budget);
   if (!UnaryCall::Admit(call, rpc)) return call.get();
+  if (absl::Status small = CheckSmall(request->Length(), Request::descriptor()->full_name()); !small.ok()) {
+    call->Reply(small, {});
+    return call.get();
+  }
   auto answer = [call, max_bytes = backend.max_reply_bytes, bytes = *request, handler = std::move(handler)] {
-    if (call->cancelled()) return;
     const LogScope scope(call->record().request_id);
     const absl::Status status = CatchExceptions([&]() -> absl::Status {
       grpc::ByteBuffer reply;
       {
         Request message;
-        if (absl::Status status = ParseSmallMessage(bytes, &message); !status.ok()) return status;
+        if (absl::Status status = ParseMessage(bytes, &message); !status.ok()) return status;
         const absl::StatusOr<Response> answer = handler(message);
         if (!answer.ok()) return answer.status();
         absl::StatusOr<grpc::ByteBuffer> serialized = SerializeReply(*answer, max_bytes);
@@ -85,7 +89,7 @@ grpc::ServerUnaryReactor* AnswerUnary(const UnaryBackend& backend, const RpcInfo
   if (pool == nullptr) {
     answer();
   } else {
-    pool->Run(std::move(answer));
+    pool->Run(std::move(answer), [call] { return call->cancelled(); });
   }
   return call.get();
 }

@@ -19,7 +19,8 @@ namespace deltaray {
 // What takes uploads; all of it outlives every call.
 struct UploadBackend {
   MeshStore* store;
-  WorkerPool* disk;     // writes chunks
+  WorkerPool* disk;     // writes chunks, looks for meshes
+  WorkerPool* changes;  // names, deletes and rebuilds, which wait for the directory's lock
   WorkerPool* commits;  // reads the whole files as meshes: as many at a time as it has threads
   uint64_t max_upload_bytes;
   uint64_t max_message_bytes;  // of a reply

@@ -1,5 +1,6 @@
 #include "server/service/worker_pool.h"
 
+#include <iterator>
 #include <utility>
 
 namespace deltaray {
@@ -17,17 +18,27 @@ WorkerPool::~WorkerPool() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-void WorkerPool::Run(std::function<void()> task) {
+void WorkerPool::Run(std::function<void()> task, std::function<bool()> cancelled) {
   {
     MutexLock lock(mutex_);
-    tasks_.push_back(std::move(task));
+    tasks_.push_back({std::move(task), std::move(cancelled)});
   }
   changed_.notify_one();
 }
 
+void WorkerPool::ForgetCancelled() {
+  std::list<Task> forgotten;  // gone without the lock
+  MutexLock lock(mutex_);
+  for (auto task = tasks_.begin(); task != tasks_.end();) {
+    const auto next = std::next(task);
+    if (task->is_cancelled()) forgotten.splice(forgotten.end(), tasks_, task);
+    task = next;
+  }
+}
+
 void WorkerPool::Work() {
   for (;;) {
-    std::function<void()> task;
+    Task task;
     {
       MutexLock lock(mutex_);
       while (tasks_.empty() && !ending_) changed_.wait(mutex_);
@@ -35,7 +46,7 @@ void WorkerPool::Work() {
       task = std::move(tasks_.front());
       tasks_.pop_front();
     }
-    task();
+    if (!task.is_cancelled()) task.run();
   }
 }
 

@@ -4,8 +4,8 @@
 #define SERVER_SERVICE_WORKER_POOL_H_
 
 #include <cstdint>
-#include <deque>
 #include <functional>
+#include <list>
 #include <thread>
 #include <vector>
 
@@ -21,15 +21,25 @@ class WorkerPool {
   // Runs all tasks that are queued, then ends.
   ~WorkerPool();
 
-  // Runs `task` soon. It must not throw.
-  void Run(std::function<void()> task);
+  // Runs `task` soon. It must not throw. Where `cancelled`, asked from any thread, says that nobody wants it any more,
+  // it is not begun.
+  void Run(std::function<void()> task, std::function<bool()> cancelled = nullptr);
+
+  // Lets go of the tasks that nobody wants any more, and of what they hold. To be called several times a second.
+  void ForgetCancelled();
 
  private:
+  struct Task {
+    std::function<void()> run;
+    std::function<bool()> cancelled;
+    bool is_cancelled() const { return cancelled != nullptr && cancelled(); }
+  };
+
   void Work();
 
   Mutex mutex_;
   Condition changed_;
-  std::deque<std::function<void()>> tasks_ ABSL_GUARDED_BY(mutex_);
+  std::list<Task> tasks_ ABSL_GUARDED_BY(mutex_);
   bool ending_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;
 };

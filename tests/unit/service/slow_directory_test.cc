@@ -1,5 +1,12 @@
 // A directory that does not answer keeps nobody waiting but those who ask for what only it can tell.
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <memory>
@@ -20,6 +27,22 @@ using grpc::StatusCode;
 using grpc::health::v1::Health;
 using grpc::health::v1::HealthCheckRequest;
 using grpc::health::v1::HealthCheckResponse;
+
+// A server that was stopped within a change: it holds the directory's lock.
+class StoppedServer {
+ public:
+  explicit StoppedServer(const std::string& directory) : lock_(open((directory + "/lock").c_str(), O_RDWR)) {
+    EXPECT_EQ(flock(lock_, LOCK_EX), 0);
+  }
+  ~StoppedServer() { GoOn(); }
+  void GoOn() {
+    if (lock_ >= 0) close(lock_);
+    lock_ = -1;
+  }
+
+ private:
+  int lock_;
+};
 
 class SlowDirectoryTest : public RunningServer {
  protected:
@@ -59,6 +82,28 @@ class SlowDirectoryTest : public RunningServer {
     return meshes_->GetMesh(&context, request, &response);
   }
 
+  grpc::Status Name(const std::string& name, const std::string& mesh) {
+    grpc::ClientContext context;
+    SetDeadline(&context);
+    v1::NameMeshRequest request;
+    request.set_name(name);
+    request.set_mesh(mesh);
+    v1::NameMeshResponse response;
+    return meshes_->NameMesh(&context, request, &response);
+  }
+
+  // Calls that change `mesh`, more than are made at once.
+  std::vector<std::future<grpc::Status>> StartChanges(const std::string& mesh) {
+    std::vector<std::future<grpc::Status>> changes;
+    for (int i = 0; i < 8; ++i) {
+      changes.push_back(
+          std::async(std::launch::async, [this, mesh, i] { return Name(absl::StrCat("name ", i), mesh); }));
+    }
+    // They shall have come.
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    return changes;
+  }
+
   grpc::Status WatchBuild(const std::string& mesh) {
     grpc::ClientContext context;
     SetDeadline(&context);
@@ -76,9 +121,9 @@ class SlowDirectoryTest : public RunningServer {
       request->mutable_rays()->mutable_rays()->append(Bytes<float>({0.25f, 0.5f, 9, 0, 0, -1}));
   }
 
-  grpc::Status Cast(const std::string& mesh, size_t rays) {
+  grpc::Status Cast(const std::string& mesh, size_t rays, int seconds = 30) {
     grpc::ClientContext context;
-    SetDeadline(&context);
+    SetDeadline(&context, seconds);
     v1::CastRaysRequest request;
     request.set_mesh(mesh);
     AddRays(rays, &request);
@@ -161,13 +206,10 @@ TEST_F(SlowDirectoryTest, WhatAnotherServerHasStoredIsFound) {
 }
 
 TEST_F(SlowDirectoryTest, NothingIsDoneForACallThatHasEndedMeanwhile) {
-  HeldLookUps look_ups;
-  Start(look_ups.hooks());
+  Start();
   const std::string id = UploadSquares(1, 0, "squares");
-  // They keep the threads that wait for the disk.
-  std::vector<std::future<grpc::Status>> unknown;
-  for (int i = 0; i < 4; ++i) unknown.push_back(std::async(std::launch::async, [&] { return Get("nothing"); }));
-  ASSERT_TRUE(look_ups.Await(4));
+  StoppedServer stopped(options_.store.data_directory);
+  auto changes = StartChanges("squares");
   grpc::ClientContext context;
   SetDeadline(&context, 1);
   v1::DeleteMeshRequest request;
@@ -176,13 +218,64 @@ TEST_F(SlowDirectoryTest, NothingIsDoneForACallThatHasEndedMeanwhile) {
   EXPECT_EQ(meshes_->DeleteMesh(&context, request, &response).error_code(), StatusCode::DEADLINE_EXCEEDED);
   // The server, too, notices that the deadline has passed.
   std::this_thread::sleep_for(std::chrono::milliseconds(500));
-  look_ups.LetGo();
-  for (auto& call : unknown) EXPECT_EQ(call.get().error_code(), StatusCode::NOT_FOUND);
+  stopped.GoOn();
+  for (auto& call : changes) EXPECT_TRUE(call.get().ok());
   // What waits for a thread is done before the server ends.
   server_.reset();
   const absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(options_.store);
   ASSERT_TRUE(store.ok()) << store.status();
   EXPECT_TRUE((*store)->IsKnown(id));
+}
+
+TEST_F(SlowDirectoryTest, ChangesThatWaitForAnotherServerHoldUpNoReads) {
+  Start();
+  UploadSquares(1, 0, "squares");
+  StoppedServer stopped(options_.store.data_directory);
+  auto changes = StartChanges("squares");
+  EXPECT_TRUE(Get("squares").ok());
+  EXPECT_EQ(Get("nothing").error_code(), StatusCode::NOT_FOUND);
+  EXPECT_EQ(Cast("nothing", 1).error_code(), StatusCode::NOT_FOUND);
+  for (auto& call : changes) EXPECT_EQ(call.wait_for(std::chrono::seconds(0)), std::future_status::timeout);
+  stopped.GoOn();
+  for (auto& call : changes) EXPECT_TRUE(call.get().ok());
+}
+
+TEST_F(SlowDirectoryTest, CallsThatWaitForItLeaveTheirMemoryWhenTheyEnd) {
+  options_.batch.max_message_bytes = 4 << 20;
+  options_.batch_bytes = 16 << 20;
+  HeldLookUps look_ups;
+  Start(look_ups.hooks());
+  UploadSquares(1, 0, "squares");
+  // They keep the threads that wait for the disk.
+  std::vector<std::future<grpc::Status>> unknown;
+  for (int i = 0; i < 4; ++i) unknown.push_back(std::async(std::launch::async, [&] { return Get("nothing"); }));
+  ASSERT_TRUE(look_ups.Await(4));
+  std::vector<std::future<grpc::Status>> batches;
+  for (int i = 0; i < 8; ++i)
+    batches.push_back(std::async(std::launch::async, [&] { return Cast("nothing", 100'000, 3); }));
+  for (auto& call : batches) EXPECT_FALSE(call.get().ok());
+  const grpc::Status status = Cast("squares", 100'000, 10);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  look_ups.LetGo();
+  for (auto& call : unknown) EXPECT_EQ(call.get().error_code(), StatusCode::NOT_FOUND);
+}
+
+TEST_F(SlowDirectoryTest, ARequestThatIsTooLargeIsRefusedBeforeItWaits) {
+  HeldLookUps look_ups;
+  Start(look_ups.hooks());
+  std::vector<std::future<grpc::Status>> unknown;
+  for (int i = 0; i < 4; ++i) unknown.push_back(std::async(std::launch::async, [&] { return Get("nothing"); }));
+  ASSERT_TRUE(look_ups.Await(4));
+  auto large = std::async(std::launch::async, [&] {
+    v1::GetMeshRequest request;
+    request.set_mesh(std::string(70'000, 'm'));
+    grpc::ByteBuffer response;
+    return CallRaw("/deltaray.v1.MeshService/GetMesh", request.SerializeAsString(), &response);
+  });
+  EXPECT_EQ(large.wait_for(std::chrono::seconds(10)), std::future_status::ready);
+  look_ups.LetGo();
+  EXPECT_EQ(large.get().error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  for (auto& call : unknown) EXPECT_EQ(call.get().error_code(), StatusCode::NOT_FOUND);
 }
 
 }  // namespace
