@@ -37,7 +37,6 @@ bool Health::IsMesh(absl::string_view service) { return absl::StartsWith(service
 Health::Status Health::Of(absl::string_view service) const {
   bool serves = true;
   if (absl::string_view mesh = service; absl::ConsumePrefix(&mesh, kMeshPrefix)) {
-    if (!store_->IsKnown(mesh)) return HealthCheckResponse::SERVICE_UNKNOWN;
     const absl::StatusOr<BuildReport> report = store_->Watch(mesh, /*start=*/true);
     if (absl::IsNotFound(report.status())) return HealthCheckResponse::SERVICE_UNKNOWN;
     serves = report.ok() && report->answers;

@@ -55,14 +55,15 @@ absl::Status StreamCall::TakeStart(grpc::ByteBuffer message) {
   const absl::StatusOr<BatchQuery> query = ReadQuery(request.start().query());
   if (!query.ok()) return Prefix(query.status(), "start.");
   const std::string& mesh = request.start().mesh();
-  if (backend_.store->IsKnown(mesh)) return SetTarget(backend_.store->Resolve(mesh), *query);
+  if (const absl::StatusOr<std::string> id = backend_.store->ResolveKnown(mesh); id.ok()) return SetTarget(id, *query);
   finding_ = true;
-  backend_.disk->Run([self = weak_self_.lock(), mesh, query = *query] { self->FindOnDisk(mesh, query); });
+  const auto self = weak_self_.lock();
+  backend_.disk->Run([self, mesh, query = *query] { self->FindOnDisk(mesh, query); },
+                     [self] { return self->cancelled(); });
   return absl::OkStatus();
 }
 
 void StreamCall::FindOnDisk(const std::string& mesh, const BatchQuery& query) {
-  if (cancelled()) return;
   absl::StatusOr<std::string> id;
   const absl::Status found = CatchExceptions([&] {
     id = backend_.store->Resolve(mesh);

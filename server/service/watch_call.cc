@@ -39,10 +39,11 @@ absl::Status WatchCall::ReadRequest(const grpc::ByteBuffer& request) {
 void WatchCall::Look() {
   if (finished_) return;
   const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
-    if (store_->IsKnown(mesh_)) {
-      LookAt(store_->Resolve(mesh_));
+    if (const absl::StatusOr<std::string> id = store_->ResolveKnown(mesh_); id.ok()) {
+      LookAt(id);
     } else {
-      disk_->Run([self = weak_self_.lock()] { self->LookOnDisk(); });
+      const auto self = weak_self_.lock();
+      disk_->Run([self] { self->LookOnDisk(); }, [self] { return self->cancelled(); });
     }
     return absl::OkStatus();
   });
@@ -53,7 +54,6 @@ void WatchCall::LookOnDisk() {
   std::string mesh;
   {
     MutexLock lock(mutex_);
-    if (finished_) return;
     mesh = mesh_;
   }
   // Without the lock, which the call's reactions and the ticker take.

@@ -28,6 +28,11 @@ namespace {
 // How often a mesh is asked for again that was deleted and is there again.
 constexpr int kTriesOfDeletedMesh = 3;
 
+absl::StatusOr<std::string> IdOf(const absl::StatusOr<EntryPointer>& entry) {
+  if (!entry.ok()) return entry.status();
+  return (*entry)->id();
+}
+
 class Store final : public MeshStore {
  public:
   Store(Options options, DataDirectory directory, DataDirectory::Changes contents);
@@ -35,8 +40,10 @@ class Store final : public MeshStore {
 
   absl::StatusOr<std::unique_ptr<Upload>> StartUpload() override;
   absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const override;
-  bool IsKnown(absl::string_view mesh) const override { return directory_.catalog().Find(mesh).ok(); }
-  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override;
+  absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override { return IdOf(directory_.Find(mesh)); }
+  absl::StatusOr<std::string> ResolveKnown(absl::string_view mesh) const override {
+    return IdOf(directory_.catalog().Find(mesh));
+  }
   std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const override;
   absl::StatusOr<std::string> Name(absl::string_view name, absl::string_view mesh) override;
   absl::StatusOr<std::string> Delete(absl::string_view mesh) override;
@@ -64,8 +71,8 @@ class Store final : public MeshStore {
   // Tells, by `not_found`, that there is nothing to remove: durably, since the removal before may have failed midway.
   absl::Status NothingToRemove(const absl::Status& not_found) const;
 
-  void WithTree(absl::string_view mesh, bool final, int tries, std::function<void(absl::StatusOr<Answer>)> callback,
-                std::function<bool()> cancelled);
+  void WithTree(const absl::StatusOr<EntryPointer>& entry, const std::string& mesh, bool final, int tries,
+                std::function<void(absl::StatusOr<Answer>)> callback, std::function<bool()> cancelled);
 
   // Writes the config and starts the build. Returns the id.
   absl::StatusOr<std::string> ChangeConfig(absl::string_view mesh, const Config& config);
@@ -261,12 +268,6 @@ absl::StatusOr<MeshInfo> Store::Get(absl::string_view mesh) const {
   }
 }
 
-absl::StatusOr<std::string> Store::Resolve(absl::string_view mesh) const {
-  const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
-  if (!entry.ok()) return entry.status();
-  return (*entry)->id();
-}
-
 std::vector<MeshInfo> Store::List(absl::string_view after_id, size_t limit) const {
   std::vector<MeshInfo> infos;
   for (const EntryPointer& entry : directory_.catalog().List(after_id, limit))
@@ -381,18 +382,18 @@ absl::StatusOr<std::string> Store::ChangeConfig(absl::string_view mesh, const Co
 
 void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                      std::function<bool()> cancelled) {
-  WithTree(mesh, final, kTriesOfDeletedMesh, std::move(callback), std::move(cancelled));
+  WithTree(directory_.catalog().Find(mesh), std::string(mesh), final, kTriesOfDeletedMesh, std::move(callback),
+           std::move(cancelled));
 }
 
-void Store::WithTree(absl::string_view mesh, bool final, int tries,
+void Store::WithTree(const absl::StatusOr<EntryPointer>& entry, const std::string& mesh, bool final, int tries,
                      std::function<void(absl::StatusOr<Answer>)> callback, std::function<bool()> cancelled) {
-  const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
   if (!entry.ok()) return callback(entry.status());
-  auto on_tree = [this, mesh = std::string(mesh), id = (*entry)->id(), final, tries, callback = std::move(callback),
+  auto on_tree = [this, mesh, id = (*entry)->id(), final, tries, callback = std::move(callback),
                   cancelled](absl::StatusOr<Answer> answer) {
     // Another server had deleted the mesh, and it may have been uploaded again before it was asked for.
     if (!absl::IsNotFound(answer.status()) || tries == 0 || !directory_.IsThere(id)) return callback(std::move(answer));
-    WithTree(mesh, final, tries - 1, callback, cancelled);
+    WithTree(directory_.Find(mesh), mesh, final, tries - 1, callback, cancelled);
   };
   if ((*entry)->WithTree(final, std::move(on_tree), std::move(cancelled))) directory_.catalog().NoteWaitedFor(*entry);
 }
@@ -402,7 +403,7 @@ void Store::NoteAnswer(const Answer& answer) {
 }
 
 absl::StatusOr<BuildReport> Store::Watch(absl::string_view mesh, bool start) {
-  const absl::StatusOr<EntryPointer> entry = directory_.Find(mesh);
+  const absl::StatusOr<EntryPointer> entry = directory_.catalog().Find(mesh);
   if (!entry.ok()) return entry.status();
   return (*entry)->Watch(start);
 }

@@ -114,9 +114,10 @@ class Upload {
 // are thread-safe; those that touch the disk block, none waits for a build.
 //
 // `mesh` is an id or a name; NOT_FOUND where there is no such mesh, DATA_LOSS or FAILED_PRECONDITION where its file is
-// damaged or cannot be read. A mesh or name that is not known is looked for on disk at once; that a known one was
-// moved or deleted by another server is noticed within a few Options::follow_interval. Changes are UNAVAILABLE where
-// another server holds up all changes for Options::change_timeout, or has done so just before.
+// damaged or cannot be read. A mesh or name that is not known is looked for on disk at once, but by methods that say
+// that they do not; that a known one was moved or deleted by another server is noticed within a few
+// Options::follow_interval. Changes are UNAVAILABLE where another server holds up all changes for
+// Options::change_timeout, or has done so just before.
 class MeshStore {
  public:
   struct Options {
@@ -156,11 +157,11 @@ class MeshStore {
 
   // Reads the groups from the mesh's file.
   virtual absl::StatusOr<MeshInfo> Get(absl::string_view mesh) const = 0;
-  // Whether a mesh is known, so that nothing that is asked of it, but for Get, is looked for on the disk. Cheap, and
-  // never blocks.
-  virtual bool IsKnown(absl::string_view mesh) const = 0;
   // The id of a mesh, where there is such a mesh. Cheap where it is known.
   virtual absl::StatusOr<std::string> Resolve(absl::string_view mesh) const = 0;
+  // The same, but NOT_FOUND where it is not known. Cheap, and never blocks.
+  virtual absl::StatusOr<std::string> ResolveKnown(absl::string_view mesh) const = 0;
+  bool IsKnown(absl::string_view mesh) const { return ResolveKnown(mesh).ok(); }
   // At most `limit` meshes with id > after_id, in order of id, without groups.
   virtual std::vector<MeshInfo> List(absl::string_view after_id, size_t limit) const = 0;
 
@@ -178,11 +179,12 @@ class MeshStore {
     std::shared_ptr<const TreeSnapshot> snapshot;
     std::shared_ptr<FirstAnswer> first_answer;  // for NoteAnswer
   };
-  // Calls `callback` once with a tree to query: with `final`, the final one as soon as it stands, else the best there
-  // is as soon as there is one. Starts the build where there is none. The callback may come at once, on the calling
-  // thread, or later, on another; it must neither block nor throw. Where the build failed: DATA_LOSS for a damaged
-  // file, RESOURCE_EXHAUSTED where there is no room for the tree, else FAILED_PRECONDITION. `cancelled` tells, on any
-  // thread, that nobody wants the tree any more: ForgetCancelled then lets go of the callback, which is not called.
+  // Of a mesh that is known, or else NOT_FOUND: calls `callback` once with a tree to query: with `final`, the final one
+  // as soon as it stands, else the best there is as soon as there is one. Starts the build where there is none. The
+  // callback may come at once, on the calling thread, or later, on another; it must neither block nor throw. Where the
+  // build failed: DATA_LOSS for a damaged file, RESOURCE_EXHAUSTED where there is no room for the tree, else
+  // FAILED_PRECONDITION. `cancelled` tells, on any thread, that nobody wants the tree any more: ForgetCancelled then
+  // lets go of the callback, which is not called.
   virtual void WithTree(absl::string_view mesh, bool final, std::function<void(absl::StatusOr<Answer>)> callback,
                         std::function<bool()> cancelled = nullptr) = 0;
 
@@ -196,7 +198,8 @@ class MeshStore {
   // Notes that a ray was answered from the mesh's current build, for BuildStats.first_answer_seconds. Cheap.
   virtual void NoteAnswer(const Answer& answer) = 0;
 
-  // How far the build is; with `start`, of a mesh that is only stored the build is started.
+  // How far the build of a mesh is that is known, or else NOT_FOUND; with `start`, of a mesh that is only stored the
+  // build is started. Never blocks.
   virtual absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start = true) = 0;
   virtual absl::StatusOr<StoredStatistics> Statistics(absl::string_view mesh) const = 0;
   // Looks at every mesh, but at no tree.

@@ -92,7 +92,7 @@ class HookedStore final : public MeshStore {
   absl::StatusOr<MeshInfo> Rebuild(absl::string_view mesh, const Config& config) override {
     return inner_->Rebuild(mesh, config);
   }
-  bool IsKnown(absl::string_view mesh) const override { return inner_->IsKnown(mesh); }
+  absl::StatusOr<std::string> ResolveKnown(absl::string_view mesh) const override { return inner_->ResolveKnown(mesh); }
   absl::StatusOr<std::string> Resolve(absl::string_view mesh) const override {
     LookUp(mesh);
     return inner_->Resolve(mesh);
@@ -107,14 +107,12 @@ class HookedStore final : public MeshStore {
       }
       callback(std::move(answer));
     };
-    LookUp(mesh);
     inner_->WithTree(mesh, final, on_tree, std::move(cancelled));
   }
   void ForgetCancelled() override { inner_->ForgetCancelled(); }
   void StopWaiting(const absl::Status& status) override { inner_->StopWaiting(status); }
   void NoteAnswer(const Answer& answer) override { inner_->NoteAnswer(answer); }
   absl::StatusOr<BuildReport> Watch(absl::string_view mesh, bool start) override {
-    LookUp(mesh);
     absl::StatusOr<BuildReport> report = inner_->Watch(mesh, start);
     if (report.ok()) hooks_.on_watch(&*report);
     return report;

@@ -70,7 +70,11 @@ inline absl::StatusOr<Upload::Committed> Put(MeshStore& store, const std::string
 inline std::future<absl::StatusOr<MeshStore::Answer>> FutureTree(MeshStore& store, const std::string& mesh,
                                                                  bool final) {
   auto promise = std::make_shared<std::promise<absl::StatusOr<MeshStore::Answer>>>();
-  store.WithTree(mesh, final, [promise](absl::StatusOr<MeshStore::Answer> answer) { promise->set_value(answer); });
+  if (const absl::Status found = store.Resolve(mesh).status(); found.ok()) {
+    store.WithTree(mesh, final, [promise](absl::StatusOr<MeshStore::Answer> answer) { promise->set_value(answer); });
+  } else {
+    promise->set_value(found);
+  }
   return promise->get_future();
 }
 

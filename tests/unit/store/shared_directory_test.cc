@@ -63,6 +63,24 @@ TEST_F(SharedDirectoryTest, AnUploadCanBeQueriedThroughAllAtOnce) {
   EXPECT_TRUE(Soon([&] { return c_.List("", 10)[0].names == std::vector<std::string>{"one"}; }));
 }
 
+TEST_F(SharedDirectoryTest, WhatMayNotBlockKnowsOnlyWhatWasLookedFor) {
+  MeshStore::Options options;
+  options.follow_interval = std::chrono::hours(1);
+  const auto store = OpenStore(directory_.path(), options);
+  const std::string id = Put(a_, StripObj(1), "one")->info.id;
+  for (const std::string& mesh : {std::string("one"), id}) {
+    EXPECT_FALSE(store->IsKnown(mesh));
+    EXPECT_EQ(store->Watch(mesh).status().code(), absl::StatusCode::kNotFound);
+    absl::Status told;
+    store->WithTree(mesh, true, [&](const absl::StatusOr<MeshStore::Answer>& tree) { told = tree.status(); });
+    EXPECT_EQ(told.code(), absl::StatusCode::kNotFound) << "is not told later either";
+  }
+  EXPECT_EQ(*store->Resolve("one"), id);
+  EXPECT_EQ(*store->ResolveKnown("one"), id);
+  EXPECT_TRUE(store->Watch("one").ok());
+  EXPECT_TRUE(AwaitTree(*store, "one").ok());
+}
+
 TEST_F(SharedDirectoryTest, TreesAreBuiltWhereQueriesArrive) {
   ASSERT_TRUE(Put(a_, StripObj(1), "one").ok());
   ASSERT_TRUE(Soon([&] { return b_.List("", 10).size() == 1; }));
