@@ -7,9 +7,13 @@
 
 namespace deltaray {
 namespace {
+
+using grpc::health::v1::HealthCheckResponse;
+
 constexpr std::chrono::milliseconds kHealthInterval{250};
-// What is not known may be looked for on the disk.
+// What is not known is looked for on the disk.
 constexpr std::chrono::milliseconds kUnknownInterval{1000};
+
 }  // namespace
 
 HealthWatch::HealthWatch(Calls* calls, const Health* health, WorkerPool* disk, std::string service,
@@ -37,7 +41,8 @@ void HealthWatch::Look() {
   if (finished_) return;
   const absl::Status status = CatchExceptions([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
     if (health_->FindBlocks(service_)) {
-      disk_->Run([self = weak_self_.lock()] { self->LookOnDisk(); });
+      const auto self = weak_self_.lock();
+      disk_->Run([self] { self->LookOnDisk(); }, [self] { return self->cancelled(); });
     } else {
       Take(health_->Of(service_));
     }
@@ -47,9 +52,8 @@ void HealthWatch::Look() {
 }
 
 void HealthWatch::LookOnDisk() {
-  if (cancelled()) return;
   // Without the lock, which the call's reactions and the ticker take.
-  Health::Status seen = grpc::health::v1::HealthCheckResponse::UNKNOWN;
+  Health::Status seen = HealthCheckResponse::UNKNOWN;
   const absl::Status status = CatchExceptions([&] {
     seen = health_->Find(service_);
     return absl::OkStatus();
@@ -66,22 +70,21 @@ void HealthWatch::Take(Health::Status seen) {
   Tell(seen);
   if (finished_) return;
   // As in WatchCall: an alarm cannot be set anew from within its own callback.
-  const bool unknown = told_ == grpc::health::v1::HealthCheckResponse::SERVICE_UNKNOWN;
+  const auto interval = health_->FindBlocks(service_) ? kUnknownInterval : kHealthInterval;
   alarm_ = std::make_unique<grpc::Alarm>();
-  alarm_->Set(std::chrono::system_clock::now() + (unknown ? kUnknownInterval : kHealthInterval),
-              [weak_self = weak_self_](bool) {
-                const std::shared_ptr<HealthWatch> self = weak_self.lock();
-                if (self == nullptr) return;
-                MutexLock lock(self->mutex_);
-                self->Look();
-              });
+  alarm_->Set(std::chrono::system_clock::now() + interval, [weak_self = weak_self_](bool) {
+    const std::shared_ptr<HealthWatch> self = weak_self.lock();
+    if (self == nullptr) return;
+    MutexLock lock(self->mutex_);
+    self->Look();
+  });
 }
 
 void HealthWatch::Tell(Health::Status status) {
   if (writing_ || finished_) return;
   if (status != told_) {
     told_ = status;
-    grpc::health::v1::HealthCheckResponse response;
+    HealthCheckResponse response;
     response.set_status(status);
     outgoing_ = SerializeMessage(response);
     writing_ = true;
@@ -95,13 +98,19 @@ void HealthWatch::OnWriteDone(bool ok) {
   MutexLock lock(mutex_);
   writing_ = false;
   if (!ok) FinishOnce(absl::CancelledError("the client has gone"));
-  if (draining_) Tell(health_->Of(service_));
+  if (draining_) TellDrain();
 }
 
 void HealthWatch::OnDrain() {
   MutexLock lock(mutex_);
   draining_ = true;
-  Tell(health_->Of(service_));
+  TellDrain();
+}
+
+void HealthWatch::TellDrain() {
+  // One that is still looked for on the disk may be there, but does not serve either.
+  Tell(told_ == HealthCheckResponse::SERVICE_UNKNOWN ? HealthCheckResponse::SERVICE_UNKNOWN
+                                                     : HealthCheckResponse::NOT_SERVING);
 }
 
 }  // namespace deltaray

@@ -15,8 +15,8 @@
 
 namespace deltaray {
 
-// Tells the health of one service at once and whenever it has changed; looks at it every quarter of a second, at one
-// that is not known every second.
+// Tells the health of one service at once and whenever it has changed; looks at it every quarter of a second, at a
+// mesh that is not known, or has a damaged file, every second.
 class HealthWatch final : public CallReactor<grpc::ServerWriteReactor<grpc::ByteBuffer>> {
  public:
   // Takes over a call: the reactor to give to gRPC. Where `status` is not OK, the call ends with it. The call counts in
@@ -39,6 +39,7 @@ class HealthWatch final : public CallReactor<grpc::ServerWriteReactor<grpc::Byte
   void Take(Health::Status seen) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Writes the health where it is news, and ends the call once a drain was told.
   void Tell(Health::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void TellDrain() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Health* const health_;
   WorkerPool* const disk_;

@@ -278,5 +278,47 @@ TEST_F(SlowDirectoryTest, ARequestThatIsTooLargeIsRefusedBeforeItWaits) {
   for (auto& call : unknown) EXPECT_EQ(call.get().error_code(), StatusCode::NOT_FOUND);
 }
 
+TEST_F(SlowDirectoryTest, AWatchWhoseMeshIsStillLookedForIsToldTheDrain) {
+  HeldLookUps look_ups;
+  Start(look_ups.hooks());
+  grpc::ClientContext context;
+  SetDeadline(&context);
+  HealthCheckRequest request;
+  request.set_service("mesh/squares");
+  const auto reader = Health::NewStub(channel_)->Watch(&context, request);
+  ASSERT_TRUE(look_ups.Await(1));
+  auto drained = std::async(std::launch::async, [this] { return server_->Drain(); });
+  HealthCheckResponse response;
+  EXPECT_TRUE(reader->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::NOT_SERVING);
+  EXPECT_FALSE(reader->Read(&response));
+  EXPECT_EQ(reader->Finish().error_code(), StatusCode::UNAVAILABLE);
+  EXPECT_TRUE(drained.get());
+}
+
+TEST_F(SlowDirectoryTest, AMeshWhoseFileIsDamagedIsLookedForOnceASecond) {
+  Start();
+  const std::string id = UploadSquares(1, 0);
+  server_.reset();
+  std::filesystem::resize_file(absl::StrCat(options_.store.data_directory, "/meshes/", id, ".mesh"), 50);
+  const auto look_ups = std::make_shared<std::atomic<int>>(0);
+  HookedStore::Hooks hooks;
+  hooks.on_look_up = [look_ups] { ++*look_ups; };
+  Start(hooks);
+  grpc::ClientContext context;
+  SetDeadline(&context);
+  HealthCheckRequest request;
+  request.set_service("mesh/" + id);
+  const auto begin = std::chrono::steady_clock::now();
+  const auto reader = Health::NewStub(channel_)->Watch(&context, request);
+  HealthCheckResponse response;
+  ASSERT_TRUE(reader->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::NOT_SERVING);
+  EXPECT_TRUE(Eventually([&] { return *look_ups >= 3; }));
+  EXPECT_GE(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(1900));
+  context.TryCancel();
+  reader->Finish();
+}
+
 }  // namespace
 }  // namespace deltaray
