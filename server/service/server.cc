@@ -270,9 +270,7 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
   const auto metrics = std::make_shared<Metrics>();
   MeshStore::Options store_options = options.store;
-  // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
-  store_options.mesh_limits.max_group_bytes =
-      std::min(store_options.mesh_limits.max_group_bytes, options.batch.max_message_bytes / 4);
+  store_options.mesh_limits.max_group_bytes = options.max_group_bytes_in_force();
   store_options.on_build_end = [metrics](const EndedBuild& build) { metrics->CountBuild(build); };
   absl::StatusOr<std::unique_ptr<MeshStore>> store = MeshStore::Open(store_options);
   if (!store.ok()) return store.status();

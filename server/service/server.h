@@ -50,6 +50,10 @@ struct ServerOptions {
   // What is used: four messages where that is more.
   uint64_t network_bytes_in_force() const { return std::max(network_bytes, 4 * batch.max_message_bytes); }
   uint64_t batch_bytes_in_force() const { return std::max(batch_bytes, 4 * batch.max_message_bytes); }
+  // A group's name takes up to three times its bytes in a reply, and the rest of the mesh needs room there too.
+  uint64_t max_group_bytes_in_force() const {
+    return std::min<uint64_t>(store.mesh_limits.max_group_bytes, batch.max_message_bytes / 4);
+  }
 };
 
 // A running server. All methods are thread-safe.

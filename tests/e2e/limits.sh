@@ -74,7 +74,13 @@ stop_server
 # --- Calls
 rm -rf "$data" "$scratch/server.log"
 start_limited --max-streams 2 --max-uploads 3 --max-calls 4 --max-connection-calls 7 --max-metadata-bytes 2049 \
-  --max-batch-rays 501 --build-threads 3 --channelz --log-format json --metrics-listen 127.0.0.1:0
+  --max-batch-rays 501 --build-threads 3 --channelz --log-format json --metrics-listen 127.0.0.1:0 \
+  --max-message-bytes 5MB --network-bytes 7MB --batch-bytes 9MB
+# The log tells what is in force, where that is not what was given.
+for sizes in max-group-bytes:$((5 << 18)) network-bytes:$((5 << 22)) batch-bytes:$((5 << 22)); do
+  expect_text "$scratch/server.log" "\"deltarayd starts\".*\"${sizes%:*}\":\"${sizes#*:}\""
+done
+expect_text "$scratch/server.log" "\"listens\".*\"max_connections\":[0-9]+[,}]"
 told max_concurrent_streams 7 "$channelz"
 told max_header_list_size 2049 "$channelz"
 told status 0 "$channelz"
