@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <utility>
 
@@ -73,6 +74,16 @@ class CallReactor : public Reactor, public Call {
     const grpc::Status rpc_status = ToRpcStatus(status);
     grpc_call_cancel_with_status(context_->c_call(), static_cast<grpc_status_code>(rpc_status.error_code()),
                                  rpc_status.error_message().c_str(), nullptr);
+  }
+
+  // Cuts off a call that still lives, from any thread that holds no call's lock: for BatchBudget::Share::Reply.
+  static std::function<void()> CutOffLater(std::weak_ptr<CallReactor> weak_call, absl::Status status) {
+    return [weak_call = std::move(weak_call), status = std::move(status)] {
+      const auto call = weak_call.lock();
+      if (call == nullptr) return;
+      MutexLock lock(call->mutex_);
+      call->CutOff(status);
+    };
   }
 
   // What the client has not done, where the call waits for its client; nullptr where it does not.

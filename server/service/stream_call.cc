@@ -15,6 +15,12 @@ absl::Status Prefix(const absl::Status& status, const std::string& prefix) {
   return status.ok() ? status : absl::Status(status.code(), absl::StrCat(prefix, status.message()));
 }
 
+absl::Status RepliesLostError() {
+  return absl::ResourceExhaustedError(
+      absl::StrCat("replies were not taken for ", absl::FormatDuration(absl::FromChrono(BatchBudget::kStall)),
+                   " while the memory for batches was short (--batch-bytes); read replies while sending"));
+}
+
 }  // namespace
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamCall::Start(Calls* calls, const RpcInfo& rpc,
@@ -140,13 +146,6 @@ void StreamCall::OnRoomToAnswer(const BatchPointer& batch) {
     batches = Advance();
   }
   Work(batches);
-}
-
-void StreamCall::OnReplyLost() {
-  MutexLock lock(mutex_);
-  CutOff(absl::ResourceExhaustedError(
-      absl::StrCat("replies were not taken for ", absl::FormatDuration(absl::FromChrono(BatchBudget::kStall)),
-                   " while the memory for batches was short (--batch-bytes); read replies while sending")));
 }
 
 void StreamCall::OnWriteDone(bool ok) {
@@ -293,9 +292,7 @@ void StreamCall::Complete(const BatchPointer& batch, const absl::Status& status,
     batch->done = true;
     batch->status = status;
     batch->reply.Swap(&reply);
-    batch->share->Reply(batch->reply.Length(), [weak_self = weak_self_] {
-      if (const auto self = weak_self.lock()) self->OnReplyLost();
-    });
+    batch->share->Reply(batch->reply.Length(), CutOffLater(weak_self_, RepliesLostError()));
     batches = Advance();
   }
   Work(batches);

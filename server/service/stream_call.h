@@ -76,8 +76,6 @@ class StreamCall final : public CallReactor<grpc::ServerBidiReactor<grpc::ByteBu
   // The budget has room: for the next message; for the batch.
   void OnRoomToRead() ABSL_LOCKS_EXCLUDED(mutex_);
   void OnRoomToAnswer(const BatchPointer& batch) ABSL_LOCKS_EXCLUDED(mutex_);
-  // The memory of replies that the client does not take is needed.
-  void OnReplyLost() ABSL_LOCKS_EXCLUDED(mutex_);
   // Starts whatever can be started now: a write, a read, the end of the call. Returns the batches to work on, to be
   // given to Work without the lock.
   std::vector<BatchPointer> Advance() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

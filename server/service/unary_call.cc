@@ -14,9 +14,7 @@ BatchBudget::Answer UnaryCall::Begin(uint64_t message_bytes, uint64_t bytes, std
 }
 
 void UnaryCall::Reply(const absl::Status& status, grpc::ByteBuffer reply) {
-  share_.Reply(message_bytes_ + reply.Length(), [weak_self = weak_self_] {
-    if (const auto self = weak_self.lock()) self->OnReplyLost();
-  });
+  share_.Reply(message_bytes_ + reply.Length(), CutOffLater(weak_self_, ReplyLostError()));
   MutexLock lock(mutex_);
   if (finished_) return;
   response_->Swap(&reply);
@@ -36,11 +34,6 @@ void UnaryCall::ReplyInTurn(const grpc::ByteBuffer& reply) {
             "the call was carried out, but there is no room for its reply (--batch-bytes); retry later with back-off"),
         {});
   }
-}
-
-void UnaryCall::OnReplyLost() {
-  MutexLock lock(mutex_);
-  CutOff(ReplyLostError());
 }
 
 }  // namespace deltaray

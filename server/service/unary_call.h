@@ -40,7 +40,6 @@ class UnaryCall final : public CallReactor<grpc::ServerUnaryReactor> {
 
  private:
   void BeforeFinish() override { share_.Withdraw(); }
-  void OnReplyLost();
 
   grpc::ByteBuffer* const response_;
   BatchBudget::Share share_;

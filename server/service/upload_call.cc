@@ -129,19 +129,12 @@ absl::Status UploadCall::Commit() {
                         absl::StrCat("mesh ", committed->info.id, " is stored, but ", bytes.status().message()));
   }
   // The mesh is stored: its client is told so, whether there is room for it or not.
-  reply_share_.Reply(bytes->Length(), [weak_self = weak_self_] {
-    if (const auto self = weak_self.lock()) self->OnReplyLost();
-  });
+  reply_share_.Reply(bytes->Length(), CutOffLater(weak_self_, ReplyLostError()));
   MutexLock lock(mutex_);
   if (finished_) return absl::OkStatus();
   response_->Swap(&*bytes);
   FinishOnce(absl::OkStatus());
   return absl::OkStatus();
-}
-
-void UploadCall::OnReplyLost() {
-  MutexLock lock(mutex_);
-  CutOff(ReplyLostError());
 }
 
 }  // namespace deltaray

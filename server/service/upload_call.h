@@ -54,7 +54,6 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   void RunStep(WorkerPool* pool, Step step);
   absl::Status TakeMessage();
   absl::Status Commit();
-  void OnReplyLost();
 
   const UploadBackend backend_;
   grpc::ByteBuffer* const response_;
