@@ -156,14 +156,17 @@ class SlowMeshTest : public CancellationTest {
     ASSERT_EQ(Cast("stack", v1::QUERY_KIND_CLOSEST_HIT, 1), StatusCode::OK);
   }
 
-  StatusCode Cast(const std::string& mesh, v1::QueryKind kind, size_t rays, grpc::ClientContext* context) {
+  static v1::CastRaysRequest CastRequest(const std::string& mesh, v1::QueryKind kind, size_t rays) {
     v1::CastRaysRequest request;
     request.set_mesh(mesh);
     request.mutable_query()->set_kind(kind);
     request.mutable_query()->set_wait(v1::BUILD_WAIT_FINAL);
     request.mutable_rays()->set_rays(RaysDownwards(rays));
+    return request;
+  }
+  StatusCode Cast(const std::string& mesh, v1::QueryKind kind, size_t rays, grpc::ClientContext* context) {
     v1::CastRaysResponse response;
-    return rays_->CastRays(context, request, &response).error_code();
+    return rays_->CastRays(context, CastRequest(mesh, kind, rays), &response).error_code();
   }
   StatusCode Cast(const std::string& mesh, v1::QueryKind kind, size_t rays) {
     grpc::ClientContext context;
@@ -189,22 +192,30 @@ TEST_F(SlowMeshTest, ManyRaysAtOnceStopSoonAfterTheClient) {
   }
 }
 
-TEST_F(SlowMeshTest, FewRaysDoNotHoldUpTheirConnection) {
+// As many as would take all threads of gRPC.
+TEST_F(SlowMeshTest, FewRaysHoldUpNoThreadOfGrpc) {
   StartWithStack();
   const int before = queries_begun_;
-  std::atomic<bool> done{false};
-  std::thread client([&] {
-    EXPECT_EQ(Cast("stack", v1::QUERY_KIND_CLOSEST_HIT, 256), StatusCode::OK);
-    done = true;
-  });
-  EXPECT_TRUE(Eventually([&] { return queries_begun_ > before; }));
+  std::atomic<int> done{0};
+  grpc::ClientContext contexts[8];
+  std::vector<std::thread> clients;
+  for (grpc::ClientContext& context : contexts) {
+    clients.emplace_back([&] {
+      v1::CastRaysResponse response;
+      v1::RayService::NewStub(Connect())->CastRays(&context, CastRequest("stack", v1::QUERY_KIND_CLOSEST_HIT, 256),
+                                                   &response);
+      ++done;
+    });
+  }
+  EXPECT_TRUE(Eventually([&] { return queries_begun_ >= before + 8; }));
   grpc::ClientContext context;
   v1::GetMeshRequest request;
   request.set_mesh("stack");
   v1::GetMeshResponse response;
   EXPECT_TRUE(meshes_->GetMesh(&context, request, &response).ok());
-  EXPECT_FALSE(done);
-  client.join();
+  EXPECT_EQ(done, 0);
+  for (grpc::ClientContext& cast : contexts) cast.TryCancel();
+  for (std::thread& client : clients) client.join();
 }
 
 TEST_F(SlowMeshTest, ShortBatchesDoNotWaitForThoseThatTurnOutLong) {
