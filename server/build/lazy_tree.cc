@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <functional>
 #include <utility>
 
 #include "server/build/layout.h"
@@ -51,17 +52,23 @@ LazyTree::LazyTree(TrianglesView triangles, std::shared_ptr<const Version> first
     : triangles_(triangles), target_(target), context_(std::move(context)), version_(std::move(first)) {}
 
 template <typename Query>
-void LazyTree::Answer(const Query& query) const {
+void LazyTree::Answer(const QueryOptions& options, const Query& query) const {
   const std::shared_ptr<const Version> version = version_.load();
-  if (version->tasks == nullptr) return query(version->tree);
+  if (version->tasks == nullptr) return query(version->tree, options);
+  // Asked within the query only: what it has answered by then stands, however long the rest takes.
+  bool was_stopped = false;
+  const std::function<bool()> stopped = [&] { return was_stopped = was_stopped || (*options.stopped)(); };
+  QueryOptions asking = options;
+  if (options.stopped != nullptr) asking.stopped = &stopped;
   const bool is_behind = context_->delta_leaves_built.load(std::memory_order_relaxed) > version->delta_leaves;
   const Clock::time_point start = is_behind ? Clock::now() : Clock::time_point();
   std::vector<LeafRecorder::Leaf> reached;
   {
     LeafRecorder recorder(version->tree.arrays(), version->labels);
-    query(version->tree);
+    query(version->tree, asking);
     reached = recorder.Take();
   }
+  if (was_stopped) return LeaveUnbuilt(*version, reached);
   if (is_behind) {
     const int64_t time = std::chrono::nanoseconds(Clock::now() - start).count();
     const int64_t sum = nanoseconds_traced_.fetch_add(time, std::memory_order_relaxed) + time;
@@ -85,10 +92,13 @@ void LazyTree::BuildReached(const Version& version, std::span<const LeafRecorder
       } while (delta_leaf < tasks.count() && references + tasks.references(delta_leaf).size() <= kMaxLeafTriangles);
     }
   } catch (const std::exception&) {
-    // The rest stay groups, which answer as well, until the next rays that come to them.
-    for (; done < reached.size(); ++done) {
-      version.labels[reached[done].unit].store(reached[done].label, std::memory_order_relaxed);
-    }
+    LeaveUnbuilt(version, reached.subspan(done));
+  }
+}
+
+void LazyTree::LeaveUnbuilt(const Version& version, std::span<const LeafRecorder::Leaf> reached) const {
+  for (const LeafRecorder::Leaf& leaf : reached) {
+    version.labels[leaf.unit].store(leaf.label, std::memory_order_relaxed);
   }
 }
 
@@ -114,20 +124,20 @@ std::shared_ptr<const LazyTree::Version> LazyTree::Replace(std::shared_ptr<const
 }
 
 void LazyTree::ClosestHits(std::span<const Ray> rays, const QueryOptions& options, std::span<Hit> hits) const {
-  Answer([&](const WideTree& tree) { tree.ClosestHits(rays, options, hits); });
+  Answer(options, [&](const WideTree& tree, const QueryOptions& asking) { tree.ClosestHits(rays, asking, hits); });
 }
 
 void LazyTree::AnyHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint8_t> any) const {
-  Answer([&](const WideTree& tree) { tree.AnyHits(rays, options, any); });
+  Answer(options, [&](const WideTree& tree, const QueryOptions& asking) { tree.AnyHits(rays, asking, any); });
 }
 
 void LazyTree::AllHits(std::span<const Ray> rays, const QueryOptions& options, std::vector<Hit>* hits,
                        std::span<uint32_t> counts) const {
-  Answer([&](const WideTree& tree) { tree.AllHits(rays, options, hits, counts); });
+  Answer(options, [&](const WideTree& tree, const QueryOptions& asking) { tree.AllHits(rays, asking, hits, counts); });
 }
 
 void LazyTree::CountHits(std::span<const Ray> rays, const QueryOptions& options, std::span<uint32_t> counts) const {
-  Answer([&](const WideTree& tree) { tree.CountHits(rays, options, counts); });
+  Answer(options, [&](const WideTree& tree, const QueryOptions& asking) { tree.CountHits(rays, asking, counts); });
 }
 
 TreeShape LazyTree::Shape() const { return version_.load()->tree.Shape(); }

@@ -63,8 +63,10 @@ class LazyTree final : public Tree {
   static constexpr int kTracingPerLayout = 10;
 
   template <typename Query>
-  void Answer(const Query& query) const;
+  void Answer(const QueryOptions& options, const Query& query) const;
   void BuildReached(const Version& version, std::span<const LeafRecorder::Leaf> reached) const;
+  // They stay groups, which answer as well, until the next rays that come to them.
+  void LeaveUnbuilt(const Version& version, std::span<const LeafRecorder::Leaf> reached) const;
   void LayOutAnew(const Version& version) const;
   // Returns the version that stood. Not inlined, so that tests/sanitizers/tsan.supp can name it.
   [[gnu::noinline]] std::shared_ptr<const Version> Replace(std::shared_ptr<const Version> version) const;

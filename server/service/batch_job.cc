@@ -32,17 +32,10 @@ void Trace(const RayBackend& backend, const std::shared_ptr<BatchJob>& job, cons
   std::optional<BatchJob::Answer> answer;
   const Clock::time_point begin = Clock::now();
   const Clock::duration patience = PatienceWith(expected);
-  std::atomic<Clock::rep> others{0};  // time that others had
-  const auto is_late = [&] {
-    return expected != Expected::kLong && Clock::now() - begin - Clock::duration(others.load()) > patience;
-  };
-  // Between two slices, batches that take less long get their turn; not on threads of gRPC, where small ones are
-  // traced.
+  const auto is_late = [&] { return expected != Expected::kLong && Clock::now() - begin > patience; };
+  // Between two slices of a batch that takes long, those that take less long get their turn.
   const auto pause = [&] {
-    if (expected == Expected::kSmall) return;
-    const Clock::time_point pause_begin = Clock::now();
-    backend.tracer->RunShort();
-    others += (Clock::now() - pause_begin).count();
+    if (expected == Expected::kLong) backend.tracer->RunShort();
   };
   const BatchControl control{[&] { return job->cancelled() || is_late(); }, pause};
   const absl::Status status = CatchExceptions([&] {
@@ -68,30 +61,30 @@ void Trace(const RayBackend& backend, const std::shared_ptr<BatchJob>& job, cons
 
 // UseTree of a mesh that is known.
 void UseTreeOfKnown(const RayBackend& backend, const std::string& mesh, bool wait_final,
-                    std::function<bool()> cancelled, std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
+                    std::function<bool()> cancelled, TreeUse use) {
   // Whether WithTree has returned: a thread of the tracer may come back later as one of a build.
   const auto returned = std::make_shared<std::atomic<bool>>(false);
   const auto on_tree = [backend, use, returned,
                         caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
     const bool here = std::this_thread::get_id() == caller && !*returned;
     if (!tree.ok() || (here && !tree->snapshot->tree->is_growing())) {
-      use(std::move(tree));
+      use(std::move(tree), here);
       return;
     }
     // Not on a thread of a build, which must not be held up, nor get exceptions; nor on one of gRPC, where a tree that
     // grows takes too long for a small batch.
     const absl::Status status = CatchExceptions([&] {
-      backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree); });
+      backend.tracer->Enqueue([use, tree = *std::move(tree)] { use(tree, false); });
       return absl::OkStatus();
     });
-    if (!status.ok()) use(status);
+    if (!status.ok()) use(status, false);
   };
   const absl::Status status = CatchExceptions([&] {
     backend.store->WithTree(mesh, wait_final, on_tree, std::move(cancelled));
     *returned = true;
     return absl::OkStatus();
   });
-  if (!status.ok()) use(status);
+  if (!status.ok()) use(status, true);
 }
 
 }  // namespace
@@ -112,7 +105,7 @@ void RunWhereExpected(Tracer& tracer, Expected expected, std::function<void()> a
 }
 
 void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
-             std::function<void(absl::StatusOr<MeshStore::Answer>)> use) {
+             TreeUse use) {
   if (backend.store->IsKnown(mesh)) {
     return UseTreeOfKnown(backend, mesh, wait_final, std::move(cancelled), std::move(use));
   }
@@ -120,24 +113,24 @@ void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final
     const absl::Status status = CatchExceptions([&] {
       // Known from here on, where it is there.
       if (absl::Status found = backend.store->Resolve(mesh).status(); !found.ok()) return found;
-      backend.tracer->Enqueue([=] { UseTreeOfKnown(backend, mesh, wait_final, cancelled, use); });
+      const TreeUse later = [use](absl::StatusOr<MeshStore::Answer> tree, bool) { use(std::move(tree), false); };
+      backend.tracer->Enqueue([=] { UseTreeOfKnown(backend, mesh, wait_final, cancelled, later); });
       return absl::OkStatus();
     });
-    if (!status.ok()) use(status);
+    if (!status.ok()) use(status, false);
   };
   const absl::Status status = CatchExceptions([&] {
     backend.disk->Run(find, cancelled);
     return absl::OkStatus();
   });
-  if (!status.ok()) use(status);
+  if (!status.ok()) use(status, true);
 }
 
 void RunBatch(const RayBackend& backend, std::shared_ptr<BatchJob> job) {
   const auto cancelled = [job] { return job->cancelled(); };
-  const auto trace = [backend, job, caller = std::this_thread::get_id()](absl::StatusOr<MeshStore::Answer> tree) {
+  const auto trace = [backend, job](absl::StatusOr<MeshStore::Answer> tree, bool in_place) {
     if (!tree.ok()) return job->done(tree.status());
-    // One that waited for its tree was brought to the tracer, as those are that take long.
-    Trace(backend, job, *tree, std::this_thread::get_id() == caller ? job->expected : Expected::kLong);
+    Trace(backend, job, *tree, in_place ? job->expected : Expected::kLong);
   };
   UseTree(backend, job->mesh, job->query.wait_final, cancelled, trace);
 }

@@ -35,10 +35,11 @@ struct RayBackend {
 // one), or with why there is none; not at all where the server ends first, or where `cancelled`, asked from any thread,
 // says that nobody waits any more. It must not throw, and all calls but the first one are to be ignored.
 //
-// Where there is a tree already, of a mesh that is known, `use` runs on the calling thread, else with a tree on one of
-// the tracer. Must not be called with a lock held that `use` takes.
+// Where there is a tree already, of a mesh that is known, `use` runs in place, on the calling thread, else with a tree
+// on one of the tracer, in the line of what takes long. Must not be called with a lock held that `use` takes.
+using TreeUse = std::function<void(absl::StatusOr<MeshStore::Answer>, bool in_place)>;
 void UseTree(const RayBackend& backend, const std::string& mesh, bool wait_final, std::function<bool()> cancelled,
-             std::function<void(absl::StatusOr<MeshStore::Answer>)> use);
+             TreeUse use);
 
 // What the size of a batch promises of its time. It keeps others waiting for as long as that only, however slow its
 // rays are.

@@ -65,11 +65,12 @@ grpc::ServerUnaryReactor* HealthHandlers::Check(grpc::CallbackServerContext* con
   HealthCheckRequest message;
   const absl::Status parsed = ParseSmallMessage(*request, &message);
   if (parsed.ok() && Health::IsMesh(message.service())) {
+    const bool on_disk = health_.FindBlocks(message.service());
     return AnswerUnary<HealthCheckRequest, HealthCheckResponse>(
-        {calls_, budget_, kReplyBytes}, {"Health/Check", context},
-        health_.FindBlocks(message.service()) ? disk_ : nullptr, request, response,
-        [this](const HealthCheckRequest& request) {
-          return Answer(health_.Find(request.service()), request.service());
+        {calls_, budget_, kReplyBytes}, {"Health/Check", context}, on_disk ? disk_ : nullptr, request, response,
+        [this, on_disk](const HealthCheckRequest& request) {
+          const std::string& service = request.service();
+          return Answer(on_disk ? health_.Find(service) : health_.Of(service), service);
         });
   }
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();

@@ -1,5 +1,6 @@
 #include "server/service/port_file.h"
 
+#include <fcntl.h>
 #include <signal.h>
 #include <unistd.h>
 
@@ -9,8 +10,10 @@
 #include <filesystem>
 #include <system_error>
 
-#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 
 namespace deltaray {
 namespace {
@@ -26,25 +29,28 @@ absl::Status WriteAndClosePort(std::FILE* file, const std::string& path, int por
 }
 
 // As fopen, but signals that the caller blocks can end the process while this waits for a pipe's reader.
-// What the file holds already stays: it may be the server's own output.
 std::FILE* OpenInterruptibly(const std::string& path) {
   sigset_t none, before;
   sigemptyset(&none);
   pthread_sigmask(SIG_SETMASK, &none, &before);
-  std::FILE* const file = std::fopen(path.c_str(), "ae");
+  std::FILE* const file = std::fopen(path.c_str(), "we");
   const int error = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
   errno = error;
   return file;
 }
 
-// Whether the path is of an open file, such as /dev/stdout and /dev/fd/3, which somebody holds and reads: not to be
-// replaced, whatever it is.
-bool IsOpenFile(const std::filesystem::path& path) {
+// The open file of this process that the path is of, as /dev/stdout and /dev/fd/3 are; -1: of none.
+int OpenFileOf(const std::filesystem::path& path) {
   std::error_code error;
   const std::string text = std::filesystem::absolute(path, error).lexically_normal().string();
-  if (absl::StartsWith(text, "/dev/shm/")) return false;
-  return absl::StartsWith(text, "/dev/") || absl::StartsWith(text, "/proc/");
+  if (text == "/dev/stdout") return STDOUT_FILENO;
+  if (text == "/dev/stderr") return STDERR_FILENO;
+  absl::string_view number = text;
+  int file = -1;
+  const bool is_number = (absl::ConsumePrefix(&number, "/dev/fd/") || absl::ConsumePrefix(&number, "/proc/self/fd/")) &&
+                         absl::SimpleAtoi(number, &file);
+  return is_number ? file : -1;
 }
 
 }  // namespace
@@ -53,7 +59,12 @@ absl::Status WritePortFile(const std::string& path, int port) {
   std::error_code error;
   const bool exists = std::filesystem::exists(path, error);
   const std::string target = exists ? std::filesystem::canonical(path, error).string() : path;
-  if (exists && (error || IsOpenFile(path) || !std::filesystem::is_regular_file(target, error))) {
+  // Not opened anew: that would begin at an offset of its own, and what is written after it overwrite it.
+  if (const int open_file = OpenFileOf(path); exists && open_file >= 0) {
+    const int copy = fcntl(open_file, F_DUPFD_CLOEXEC, 0);
+    return WriteAndClosePort(copy < 0 ? nullptr : fdopen(copy, "w"), path, port);
+  }
+  if (exists && (error || !std::filesystem::is_regular_file(target, error))) {
     return WriteAndClosePort(OpenInterruptibly(path), path, port);
   }
   const std::string beside = absl::StrCat(target, ".", getpid(), ".tmp");

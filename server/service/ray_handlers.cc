@@ -97,7 +97,7 @@ absl::Status AnswerComparison(const RayBackend& backend, const std::shared_ptr<U
   const auto compare = [backend, call, rays, mesh = request.mesh(), comparison = *comparison] {
     UseTree(
         backend, mesh, comparison.query.wait_final, [call] { return call->cancelled(); },
-        [backend, call, rays, comparison](absl::StatusOr<MeshStore::Answer> tree) {
+        [backend, call, rays, comparison](absl::StatusOr<MeshStore::Answer> tree, bool) {
           if (tree.ok()) {
             CompareOn(*tree, backend, comparison, *rays, *call);
           } else {

@@ -76,13 +76,19 @@ void UploadCall::RunStep(WorkerPool* pool, Step step) {
     {
       MutexLock lock(self->mutex_);
       if (self->finished_) return;
+      self->stepping_ = true;
     }
     const LogScope scope(self->record().request_id);
     const absl::Status status = CatchExceptions(step);
-    if (status.ok()) return;
     MutexLock lock(self->mutex_);
-    self->FinishOnce(status);
+    self->stepping_ = false;
+    if (!status.ok()) self->FinishOnce(status);
   });
+}
+
+void UploadCall::BeforeFinish() {
+  // A step that waits for the disk is not begun any more, but may hold the call for long.
+  if (!reading_ && !stepping_) incoming_.Clear();
 }
 
 absl::Status UploadCall::TakeMessage() {

@@ -43,6 +43,7 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   void OnReadDone(bool ok) override;
   void OnSendInitialMetadataDone(bool ok) override;
   void OnDrain() override;
+  void BeforeFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   const char* MissingFromClient() const override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return reading_ ? "sent nothing" : nullptr;
   }
@@ -59,7 +60,8 @@ class UploadCall final : public CallReactor<grpc::ServerReadReactor<grpc::ByteBu
   grpc::ByteBuffer* const response_;
   BatchBudget::Share reply_share_;
   std::weak_ptr<UploadCall> weak_self_;
-  bool reading_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reading_ ABSL_GUARDED_BY(mutex_) = false;   // gRPC writes incoming_
+  bool stepping_ ABSL_GUARDED_BY(mutex_) = false;  // a step uses it
 
   // Used by one step or reaction at a time; the reactions come in turns, and mutex_ is taken in between.
   grpc::ByteBuffer incoming_;

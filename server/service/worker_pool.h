@@ -18,7 +18,7 @@ class WorkerPool {
  public:
   // REQUIRES: threads > 0.
   explicit WorkerPool(uint32_t threads);
-  // Runs all tasks that are queued, then ends.
+  // Runs all tasks that are queued and not cancelled, then ends.
   ~WorkerPool();
 
   // Runs `task` soon. It must not throw. Where `cancelled`, asked from any thread, says that nobody wants it any more,

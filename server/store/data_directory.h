@@ -82,7 +82,7 @@ class DataDirectory {
   std::string NamesPath() const { return path_ + "/names"; }
   std::string TemporariesPath() const { return path_ + "/tmp"; }
 
-  // Makes durable what was moved into the folders of meshes, configs and names, and removed from there.
+  // Makes durable what was moved into the folders, and removed from there.
   absl::Status Sync() const;
 
   // A temporary with this content, synced, ready to be moved to its place.

@@ -13,6 +13,7 @@ namespace {
 
 // How often it is looked whether the directory can be written to.
 constexpr std::chrono::seconds kWritableInterval{1};
+constexpr std::chrono::seconds kLongestPause{5};
 // How often temporaries of servers that died are looked for.
 constexpr std::chrono::minutes kSweepInterval{1};
 
@@ -186,9 +187,10 @@ void FollowedDirectory::Follow() {
       swept = begin;
       RemoveAbandonedFiles(directory_.TemporariesPath());
     }
-    // Where there is much to look at, a tenth of the time at most.
+    // Where there is much to look at, a tenth of the time at most; where the disk did not answer for long, soon again.
     const Clock::duration took = Clock::now() - begin;
-    const Clock::time_point next = begin + std::max<Clock::duration>(interval_, 10 * took);
+    const Clock::time_point next =
+        Clock::now() + std::clamp<Clock::duration>(9 * took, interval_, interval_ + kLongestPause);
     hangs_from_ = (next + hang_).time_since_epoch();
     MutexLock lock(stop_mutex_);
     while (!stopped_ && Clock::now() < next) stop_changed_.wait_until(stop_mutex_, next);

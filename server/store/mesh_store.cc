@@ -1,7 +1,9 @@
 #include "server/store/mesh_store.h"
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <set>
 #include <utility>
 
@@ -389,13 +391,18 @@ void Store::WithTree(absl::string_view mesh, bool final, std::function<void(absl
 void Store::WithTree(const absl::StatusOr<EntryPointer>& entry, const std::string& mesh, bool final, int tries,
                      std::function<void(absl::StatusOr<Answer>)> callback, std::function<bool()> cancelled) {
   if (!entry.ok()) return callback(entry.status());
-  auto on_tree = [this, mesh, id = (*entry)->id(), final, tries, callback = std::move(callback),
-                  cancelled](absl::StatusOr<Answer> answer) {
+  // The caller must not wait for the disk; a thread of a build, which calls back later, may.
+  const auto returned = std::make_shared<std::atomic<bool>>(tries < kTriesOfDeletedMesh);
+  auto on_tree = [this, mesh, id = (*entry)->id(), final, tries, callback = std::move(callback), cancelled,
+                  returned](absl::StatusOr<Answer> answer) {
     // Another server had deleted the mesh, and it may have been uploaded again before it was asked for.
-    if (!absl::IsNotFound(answer.status()) || tries == 0 || !directory_.IsThere(id)) return callback(std::move(answer));
+    if (!absl::IsNotFound(answer.status()) || tries == 0 || !*returned || !directory_.IsThere(id)) {
+      return callback(std::move(answer));
+    }
     WithTree(directory_.Find(mesh), mesh, final, tries - 1, callback, cancelled);
   };
   if ((*entry)->WithTree(final, std::move(on_tree), std::move(cancelled))) directory_.catalog().NoteWaitedFor(*entry);
+  *returned = true;
 }
 
 void Store::NoteAnswer(const Answer& answer) {

@@ -83,12 +83,15 @@ TEST_F(PortFileTest, PipesAndDevicesAreWrittenTo) {
 
 TEST_F(PortFileTest, AnOpenFileIsWrittenToWhereItIs) {
   std::ofstream(path_) << "before\n";
-  const int output = open(path_.c_str(), O_RDWR | O_APPEND | O_CLOEXEC);
+  // As the shell opens it for `>`.
+  const int output = open(path_.c_str(), O_RDWR | O_CLOEXEC);
+  lseek(output, 0, SEEK_END);
   ASSERT_TRUE(WritePortFile("/proc/self/fd/" + std::to_string(output), 1234).ok());
   ASSERT_TRUE(WritePortFile("/dev/fd/" + std::to_string(output), 5).ok());
+  ASSERT_EQ(write(output, "after\n", 6), 6);
   char read_bytes[32] = {};
-  EXPECT_EQ(pread(output, read_bytes, sizeof(read_bytes), 0), 14) << "replaced, or written over";
-  EXPECT_STREQ(read_bytes, "before\n1234\n5\n");
+  EXPECT_EQ(pread(output, read_bytes, sizeof(read_bytes), 0), 20) << "replaced, or written over";
+  EXPECT_STREQ(read_bytes, "before\n1234\n5\nafter\n");
   close(output);
   EXPECT_EQ(Files(), 1);
 }
