@@ -8,7 +8,7 @@
 
 namespace deltaray {
 
-// Asks QueryOptions::stopped now and then. One object for a query, or for a ray of one.
+// Asks QueryOptions::stopped now and then. One object for a query.
 class StopPoll {
  public:
   // `stopped`: nullptr where nobody ever stops the query; else it outlives this.
