@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/build/memory_estimate.h"
+#include "server/store/build_memory.h"
 #include "server/store/mesh_file.h"
 #include "server/store/record_file.h"
 #include "spdlog/spdlog.h"
@@ -19,22 +19,7 @@ constexpr std::chrono::seconds kTryAgain{1};
 // Whether reading a mesh's file has told that it is lost or damaged.
 bool IsLost(const absl::Status& read) { return absl::IsDataLoss(read) || absl::IsNotFound(read); }
 
-// What a build of the mesh may take at its peak.
-uint64_t EstimateBytes(const MeshInfo& info, const Config& config) {
-  // Positions, indices, face ids and group ids; once more as they are read from the file, before the build.
-  const uint64_t mesh = 12 * info.vertex_count + 20 * info.triangle_count;
-  return mesh + std::max(info.stored_bytes, EstimateBuildBytes(config, info.triangle_count));
-}
-
-std::string Description(const MeshInfo& info) {
-  return absl::StrCat("mesh ", info.id, " of ", info.triangle_count, " triangles");
-}
-
 }  // namespace
-
-absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const TreeBudget& budget) {
-  return budget.CheckFits(EstimateBytes(info, config), Description(info));
-}
 
 MeshEntry::MeshEntry(MeshInfo info, std::string path, BuildQueue* queue, TreeBudget* budget)
     : info_(std::move(info)), path_(std::move(path)), queue_(queue), budget_(budget), config_(info_.config) {}
@@ -308,7 +293,7 @@ absl::Status MeshEntry::StartRun(LoadedMesh loaded) {
 void MeshEntry::DoRun(const std::shared_ptr<BuildRun>& run) {
   spdlog::info("build {} of mesh {} started", run->number(), id());
   const auto load = [&](const std::function<bool()>& cancelled) -> absl::StatusOr<std::shared_ptr<const TriangleMesh>> {
-    auto memory = budget_->Reserve(EstimateBytes(info_, run->config()), Description(info_), cancelled);
+    auto memory = ReserveForBuild(info_, run->config(), budget_, cancelled);
     if (!memory.ok()) return memory.status();
     run->Hold(*std::move(memory));
     return LoadMesh(cancelled);

@@ -26,9 +26,6 @@ struct LoadedMesh {
   std::shared_ptr<const TriangleMesh> mesh;
 };
 
-// RESOURCE_EXHAUSTED where `budget` could never hold a build of the mesh.
-absl::Status CheckBuildFits(const MeshInfo& info, const Config& config, const TreeBudget& budget);
-
 // Life: stored, without a run -> a run is queued (Start, or whatever needs a tree) -> it loads and builds -> it
 // answers -> it is finished. Rebuild begins a new run; the old one's tree answers until the new one's can: rays that
 // take any tree go over to the new provisional one, those that want a final one keep the old final one until the new
