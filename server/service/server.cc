@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -49,7 +50,7 @@ constexpr std::chrono::milliseconds kTick{250};
 // The least time between pings of a client that has no call under way.
 constexpr int kMinPingIntervalMs = 10'000;
 // Reflection and channelz are gRPC's own services, each of whose calls holds a thread to its end: so many at once,
-// beside the thread that waits for them.
+// beside the threads that wait for them.
 constexpr int kMaxGrpcServiceCalls = 8;
 // Once all of our calls have ended, only health watches and reflection are left.
 constexpr std::chrono::milliseconds kLastCalls{200};
@@ -144,8 +145,11 @@ class GrpcServer final : public Server {
     builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
     // The limit on messages is looked at only once a message is in memory; this one holds before.
     grpc::ResourceQuota quota("deltarayd");
-    builder.SetResourceQuota(quota.Resize(options_.network_bytes_in_force()).SetMaxThreads(1 + kMaxGrpcServiceCalls));
-    builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, 1);
+    // As many as gRPC would have: they look at all connections, and with one of them idle servers answer late.
+    const int waiting_threads = std::max(2, static_cast<int>(std::thread::hardware_concurrency()));
+    builder.SetResourceQuota(
+        quota.Resize(options_.network_bytes_in_force()).SetMaxThreads(waiting_threads + kMaxGrpcServiceCalls));
+    builder.SetSyncServerOption(grpc::ServerBuilder::NUM_CQS, waiting_threads);
     builder.SetSyncServerOption(grpc::ServerBuilder::MIN_POLLERS, 1);
     builder.SetSyncServerOption(grpc::ServerBuilder::MAX_POLLERS, 1);
     // gRPC would read megabytes ahead of us on every stream. Without it, 64 KiB until we read, and 1 MiB then.

@@ -334,9 +334,9 @@ TEST_F(BudgetedServerTest, MeshesThatNobodyReadsTakeABoundedPart) {
         grpc::internal::RpcMethod("/deltaray.v1.MeshService/GetMesh", grpc::internal::RpcMethod::SERVER_STREAMING),
         contexts.back().get(), bytes));
   }
-  EXPECT_TRUE(Eventually([&] {
-    return metric("deltaray_calls_total{code=\"RESOURCE_EXHAUSTED\",method=\"MeshService/GetMesh\"}") >= 70;
-  }));
+  EXPECT_TRUE(Eventually(
+      [&] { return metric("deltaray_calls_total{code=\"RESOURCE_EXHAUSTED\",method=\"MeshService/GetMesh\"}") >= 70; },
+      seconds(60)));
   EXPECT_LE(metric("deltaray_batch_bytes"), (64 + 16 + 2 * 4) * kMega);
   // Others have their turn once those have lost theirs.
   grpc::Status got;
