@@ -71,6 +71,8 @@ class CallReactor : public Reactor, public Call {
   void CutOff(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (done_) return;
     FinishOnce(status);
+    // That it was finished with another one, nobody learns.
+    status_ = status;
     const grpc::Status rpc_status = ToRpcStatus(status);
     grpc_call_cancel_with_status(context_->c_call(), static_cast<grpc_status_code>(rpc_status.error_code()),
                                  rpc_status.error_message().c_str(), nullptr);

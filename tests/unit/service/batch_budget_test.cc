@@ -349,6 +349,8 @@ TEST_F(BudgetedServerTest, MeshesThatNobodyReadsTakeABoundedPart) {
       },
       seconds(60)))
       << got.error_message();
+  // And the metrics call none of them well.
+  EXPECT_LE(metric("deltaray_calls_total{code=\"OK\",method=\"MeshService/GetMesh\"}"), 1);
   for (const auto& context : contexts) context->TryCancel();
   for (const auto& reader : unread) reader->Finish();
 }
