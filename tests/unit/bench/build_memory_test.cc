@@ -88,7 +88,7 @@ TEST(BuildMemoryTest, NoBuildTakesMoreThanIsReserved) {
     EXPECT_LE(memory.bytes(), estimate) << c.mesh << " delta " << c.delta << " lazy " << c.lazy << " builder "
                                         << static_cast<int>(c.builder) << " preset " << static_cast<int>(c.preset)
                                         << ' ' << Name(c.target);
-    EXPECT_GE(memory.bytes(), estimate / 5) << c.mesh << ": was it measured?";
+    EXPECT_GE(memory.bytes(), estimate / 8) << c.mesh << ": was it measured?";
   }
 }
 
