@@ -36,6 +36,7 @@ case "$sanitize" in
     options=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DDELTARAY_WERROR=OFF -DDELTARAY_PRECOMPILE=OFF
       "-DDELTARAY_SANITIZE=$sanitize")
     export ASAN_OPTIONS="detect_stack_use_after_return=1${ASAN_OPTIONS:+:$ASAN_OPTIONS}"
+    export LSAN_OPTIONS="suppressions=$root/tests/sanitizers/lsan.supp:print_suppressions=0${LSAN_OPTIONS:+:$LSAN_OPTIONS}"
     export UBSAN_OPTIONS="print_stacktrace=1${UBSAN_OPTIONS:+:$UBSAN_OPTIONS}"
     ;;
   thread)
