@@ -40,6 +40,9 @@ CLI::Option* AddFlag(CLI::App& app, const char* group, const std::string& name, 
   return app.add_option("--" + name, value, help)->envname(variable)->group(group)->capture_default_str();
 }
 
+// Of memory; CLI::Range shows integers in full, and rounds others.
+constexpr int64_t kMaxBytes = 1'000'000'000'000'000;
+
 // CLI::Range lets it pass.
 std::string NotNan(const std::string& number) {
   return std::isnan(std::strtod(number.c_str(), nullptr)) ? number + " is not a number" : "";
@@ -105,15 +108,15 @@ void AddServerFlags(CLI::App& app, Flags& flags) {
   AddFlag(app, "Limits", "network-bytes", server.network_bytes,
           "Bytes of messages on their way in, over all connections; four messages where that is more")
       ->transform(size)
-      ->check(CLI::Range(double{1 << 20}, 1e15));
+      ->check(CLI::Range(int64_t{1 << 20}, kMaxBytes));
   AddFlag(app, "Limits", "max-upload-bytes", server.store.max_upload_bytes, "Bytes of one uploaded file")
       ->transform(size)
-      ->check(CLI::Range(1.0, 1e15));
+      ->check(CLI::Range(int64_t{1}, kMaxBytes));
   AddFlag(app, "Limits", "batch-bytes", server.batch_bytes,
           "Bytes of batches being answered and of replies not taken yet, over all clients; four messages where that "
           "is more")
       ->transform(size)
-      ->check(CLI::Range(double{1 << 20}, 1e15));
+      ->check(CLI::Range(int64_t{1 << 20}, kMaxBytes));
   const CLI::Range count(1, 1 << 20);
   AddFlag(app, "Clients", "max-connections", server.max_connections,
           "Connections at once; fewer where the limit on open files is low")
@@ -140,7 +143,7 @@ void AddServerFlags(CLI::App& app, Flags& flags) {
 // Limits on what one file holds.
 void AddMeshLimits(CLI::App& app, MeshLimits& limits) {
   const auto size = CLI::AsSizeValue(false);
-  const CLI::Range count(1.0, 2147483647.0);
+  const CLI::Range count(1, 2147483647);
   AddFlag(app, "Limits", "max-triangles", limits.max_triangles, "Triangles of one mesh")->check(count);
   AddFlag(app, "Limits", "max-vertices", limits.max_vertices, "Vertices of one mesh")->check(count);
   AddFlag(app, "Limits", "max-face-corners", limits.max_face_corners, "Corners of one polygon")
@@ -165,14 +168,14 @@ void AddStoreLimits(CLI::App& app, MeshStore::Options& store) {
           "Bytes of memory of meshes and trees, those being built or uploaded included. Trees that were not used for "
           "longest make room, and are built again when asked for")
       ->transform(size)
-      ->check(CLI::Range(double{1 << 20}, 1e15));
+      ->check(CLI::Range(int64_t{1 << 20}, kMaxBytes));
   AddFlag(app, "Limits", "max-stored-bytes", store.max_stored_bytes, "Bytes of all meshes and uploads on disk")
       ->transform(size)
-      ->check(CLI::Range(1.0, 1e18));
-  AddFlag(app, "Limits", "max-meshes", store.max_meshes, "Meshes")->check(CLI::Range(1.0, 1e9));
-  AddFlag(app, "Limits", "max-names", store.max_names, "Names of all meshes")->check(CLI::Range(1.0, 1e9));
+      ->check(CLI::Range(int64_t{1}, 1000 * kMaxBytes));
+  AddFlag(app, "Limits", "max-meshes", store.max_meshes, "Meshes")->check(CLI::Range(1, 1'000'000'000));
+  AddFlag(app, "Limits", "max-names", store.max_names, "Names of all meshes")->check(CLI::Range(1, 1'000'000'000));
   AddFlag(app, "Limits", "max-names-per-mesh", store.max_names_per_mesh, "Names of one mesh")
-      ->check(CLI::Range(1.0, 1e6));
+      ->check(CLI::Range(1, 1'000'000));
 }
 
 // An empty value, where a variable was meant to hold the path, would leave the server open or without its meshes.

@@ -9,14 +9,13 @@
 #include "server/mesh/utf8.h"
 
 namespace deltaray {
-namespace {}  // namespace
 
 FaceCollector::FaceCollector(const ReadMeshOptions& options, uint32_t first_index)
     : options_(options), first_index_(first_index) {}
 
 absl::Status FaceCollector::AddVertex(const Vec3d& position, Location where) {
   if (vertex_count() >= std::min(limits().max_vertices, kMaxMeshCount)) {
-    return OverLimit(where, absl::StrCat("vertex ", vertex_count()), "--max-vertices", limits().max_vertices);
+    return OverLimit(where, absl::StrCat(vertex_count() + 1, " vertices"), "--max-vertices", limits().max_vertices);
   }
   for (int axis = 0; axis < 3; ++axis) {
     if (!std::isfinite(static_cast<float>(position[axis]))) {
@@ -37,7 +36,7 @@ absl::Status FaceCollector::AddFace(std::span<const uint32_t> corners, Location 
   }
   triangle_count_ += corners.size() - 2;
   if (triangle_count_ > std::min(limits().max_triangles, kMaxMeshCount)) {
-    return OverLimit(where, absl::StrCat("triangle ", triangle_count_ - 1), "--max-triangles", limits().max_triangles);
+    return OverLimit(where, absl::StrCat(triangle_count_, " triangles"), "--max-triangles", limits().max_triangles);
   }
   if (absl::Status status = TakeMemory(corners.size()); !status.ok()) return status;
   for (const uint32_t corner : corners) {
@@ -78,7 +77,7 @@ absl::Status FaceCollector::EnterGroup(Location where) {
   const auto [entry, is_new] = group_index_.try_emplace(group_name_, mesh_.groups.size());
   if (is_new) {
     if (mesh_.groups.size() >= limits().max_groups) {
-      return OverLimit(where, absl::StrCat("group ", mesh_.groups.size()), "--max-groups", limits().max_groups);
+      return OverLimit(where, absl::StrCat(mesh_.groups.size() + 1, " groups"), "--max-groups", limits().max_groups);
     }
     group_bytes_ += group_name_.size();
     if (group_bytes_ > limits().max_group_bytes) {

@@ -116,7 +116,8 @@ absl::Status Listener::BindUnix(const std::string& path) {
   // A socket that nobody listens at is left over from a server that was killed.
   struct stat file;
   if (stat(path.c_str(), &file) == 0 && S_ISSOCK(file.st_mode)) {
-    const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    // Who listens may have no room for one more; to wait for that could take forever.
+    const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (connect(probe, any_name, sizeof(name)) != 0 && errno == ECONNREFUSED) unlink(path.c_str());
     close(probe);
   }

@@ -210,7 +210,7 @@ absl::StatusOr<FileDescriptor> LockFile(const std::string& path, std::chrono::mi
   const auto deadline = std::chrono::steady_clock::now() + timeout;
   while (Retry([&] { return flock(file.get(), LOCK_EX | LOCK_NB); }) != 0 && errno == EWOULDBLOCK) {
     if (std::chrono::steady_clock::now() >= deadline) {
-      return absl::UnavailableError(absl::StrCat("another server holds the lock ", path));
+      return absl::UnavailableError(absl::StrCat("another process, a server or a back-up, holds the lock ", path));
     }
     std::this_thread::sleep_for(kLockInterval);
   }

@@ -154,11 +154,11 @@ TEST(ObjReaderTest, HoldsToTheLimits) {
   const std::string start = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
   MeshLimits limits;
   limits.max_vertices = 3;
-  over(start, {"line 4", "vertex 3", "3 (--max-vertices)"}, limits);
+  over(start, {"line 4", "4 vertices", "3 (--max-vertices)"}, limits);
   limits = {};
   limits.max_triangles = 2;
   EXPECT_TRUE(Read(start + "f 1 2 3 4\n", MeshFormat::kObj, limits).ok());
-  over(start + "f 1 2 3\nf 1 2 3 4\n", {"line 6", "2 (--max-triangles)"}, limits);
+  over(start + "f 1 2 3\nf 1 2 3 4\n", {"line 6", "3 triangles", "2 (--max-triangles)"}, limits);
   limits = {};
   limits.max_face_corners = 3;
   over(start + "f 1 2 3 4\n", {"line 5", "a face of 4 corners", "3 (--max-face-corners)"}, limits);
@@ -169,7 +169,7 @@ TEST(ObjReaderTest, HoldsToTheLimits) {
   limits = {};
   limits.max_groups = 1;
   EXPECT_TRUE(Read(start + "g a\nf 1 2 3\ng b\ng a\nf 1 2 3\n", MeshFormat::kObj, limits).ok());
-  over(start + "g a\nf 1 2 3\ng b\nf 1 2 3\n", {"line 8", "1 (--max-groups)"}, limits);
+  over(start + "g a\nf 1 2 3\ng b\nf 1 2 3\n", {"line 8", "2 groups", "1 (--max-groups)"}, limits);
   limits = {};
   limits.max_group_name_bytes = 4;
   over(start + "g abcd\ng abcde\n", {"line 6", "5 bytes", "4 (--max-group-name-bytes)"}, limits);

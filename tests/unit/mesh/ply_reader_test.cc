@@ -215,7 +215,7 @@ TEST(PlyReaderTest, HoldsToTheLimits) {
   limits.max_triangles = 1;
   over(good, {"line 8", "2 faces", "1 (--max-triangles)"}, limits);
   limits.max_triangles = 2;
-  over(good, {"line 16", "triangle 2", "2 (--max-triangles)"}, limits);
+  over(good, {"line 16", "3 triangles", "2 (--max-triangles)"}, limits);
   limits = {};
   limits.max_face_corners = 3;
   over(good, {"line 15", "4 corners", "3 (--max-face-corners)"}, limits);

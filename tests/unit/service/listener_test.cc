@@ -4,6 +4,7 @@
 #include <netinet/in.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include "gmock/gmock.h"
@@ -52,6 +53,27 @@ TEST_F(ListenerTest, ServesAUnixSocket) {
   EXPECT_TRUE(List(grpc::CreateChannel(options_.listen, grpc::InsecureChannelCredentials())).ok());
   server_.reset();
   EXPECT_FALSE(std::filesystem::exists(path));
+}
+
+TEST_F(ListenerTest, AUnixSocketWhoseOwnerAcceptsNobodyIsInUse) {
+  const std::string path = directory_ + "/socket";
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  ASSERT_LT(path.size(), sizeof(name.sun_path));
+  path.copy(name.sun_path, path.size());
+  const auto* const any_name = reinterpret_cast<const sockaddr*>(&name);
+  std::vector<int> files = {socket(AF_UNIX, SOCK_STREAM, 0)};
+  ASSERT_EQ(bind(files[0], any_name, sizeof(name)), 0);
+  ASSERT_EQ(listen(files[0], 0), 0);
+  do {
+    files.push_back(socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK, 0));
+  } while (connect(files.back(), any_name, sizeof(name)) == 0);
+  EXPECT_EQ(errno, EAGAIN);
+  const auto listener = Listener::Open("unix:" + path, 1);
+  EXPECT_EQ(listener.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(listener.status().message()), HasSubstr("in use"));
+  EXPECT_TRUE(std::filesystem::exists(path));
+  for (const int file : files) close(file);
 }
 
 TEST_F(ListenerTest, AddressesThatCanNotBeHadAreNamed) {
