@@ -40,7 +40,7 @@ CLI::Option* AddFlag(CLI::App& app, const char* group, const std::string& name, 
   return app.add_option("--" + name, value, help)->envname(variable)->group(group)->capture_default_str();
 }
 
-// Of memory; CLI::Range shows integers in full, and rounds others.
+// An integer, as CLI::Range shows in full; it rounds others.
 constexpr int64_t kMaxBytes = 1'000'000'000'000'000;
 
 // CLI::Range lets it pass.
